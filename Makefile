@@ -1,0 +1,169 @@
+# Lodestream. `make run` serves a sample model; `make test` runs every test; `make help` lists the rest.
+#
+# config=release|debug|sanitize|fuzz chooses flags and the folder build/$(config). Sources are found by folder: a new .c file needs no line here.
+
+config ?= release
+PREFIX ?= /usr/local
+B := build/$(config)
+
+CC_release := gcc
+CXX_release := g++
+CC_debug := gcc
+CXX_debug := g++
+CC_sanitize := clang
+CXX_sanitize := clang++
+CC_fuzz := clang
+CXX_fuzz := clang++
+CC := $(CC_$(config))
+CXX := $(CXX_$(config))
+
+FLAGS_release := -O3 -g1 -DNDEBUG
+FLAGS_debug := -O1 -g
+FLAGS_sanitize := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined
+FLAGS_fuzz := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined,fuzzer-no-link -fno-sanitize-recover=undefined
+
+VERSION := $(shell cat VERSION)
+WARN := -Wall -Wextra -Wshadow -Wvla -Wpointer-arith -Werror
+# -ffp-contract=off: the same bits on every machine and in WebAssembly.
+COMMON := -I. -D_GNU_SOURCE -DLOD_VERSION='"$(VERSION)"' -ffp-contract=off -fno-math-errno -pthread -MMD -MP $(FLAGS_$(config))
+CFLAGS := -std=c17 $(COMMON) $(WARN) -Wstrict-prototypes -Wmissing-prototypes
+CXXFLAGS := -std=c++17 $(COMMON) $(WARN)
+LDFLAGS := -pthread $(FLAGS_$(config))
+
+# Libraries by what links them; lodestreamd links no geometry and no codec.
+LIBS_daemon := -lmicrohttpd -lgnutls -lsqlite3 -ljansson -lnettle -lz -lm
+LIBS_codec := -ldraco -ltinygltf -lassimp -lpng -lz -lstdc++
+LIBS_tool := $(LIBS_codec) -ljansson -lnettle -lcurl -lseccomp -lm
+LIBS_test := -lcmocka $(LIBS_codec) -lmicrohttpd -lgnutls -lsqlite3 -ljansson -lnettle -lcurl -lseccomp -lz -lm
+LIBS_bench := -lmeshoptimizer
+
+SRC_base := $(wildcard core/base/*.c) core/level/screen.c
+SRC_core := $(filter-out $(SRC_base),$(wildcard core/*/*.c))
+SRC_codec := $(wildcard codec/*/*.c) $(wildcard codec/*/*.cc)
+SRC_worker := $(wildcard server/worker/*.c) server/jobs/frame.c
+SRC_server := $(wildcard server/*.c server/http/*.c server/store/*.c server/jobs/*.c)
+SRC_cli := $(wildcard clients/cli/*.c)
+
+objects = $(addsuffix .o,$(addprefix $(B)/,$(basename $(1))))
+OBJ_base := $(call objects,$(SRC_base))
+OBJ_core := $(call objects,$(SRC_core))
+OBJ_codec := $(call objects,$(SRC_codec))
+OBJ_worker := $(call objects,$(SRC_worker))
+OBJ_server := $(call objects,$(filter-out server/main.c,$(SRC_server)))
+OBJ_cli := $(call objects,$(filter-out clients/cli/main.c,$(SRC_cli)))
+
+UNIT := $(patsubst %.c,$(B)/%,$(shell find tests/unit tests/property tests/golden -name '*_test.c' 2>/dev/null | LC_ALL=C sort))
+BENCH := $(patsubst %.c,$(B)/%,$(wildcard tests/bench/*_bench.c))
+FUZZ := $(patsubst %.c,$(B)/%,$(wildcard tests/fuzz/*_fuzz.c))
+HELPERS := $(call objects,$(wildcard tests/data/*.c))
+
+.PHONY: all help run test test-only bench lint format sanitize fuzz install clean deps web programs unit-tests fuzz-replay
+all: programs
+
+help:
+	@sed -n 's/^## //p' Makefile
+
+## make all       build build/release/lodestreamd and build/release/lodestream
+## make run       install what is missing, build, bake a sample model, serve it, print the viewer's address
+## make test      install what is missing, build, run every test
+## make bench     every benchmark; make bench-NAME one of them (cluster, bake, http)
+## make lint      include rules, link rules, format
+## make format    rewrite sources with clang-format
+## make sanitize  unit tests under ASan and UBSan
+## make fuzz      fuzz every target for SECONDS=60 each
+## make install   PREFIX=/usr/local, DESTDIR=
+
+programs: $(B)/lodestreamd $(B)/lodestream
+
+$(B)/libbase.a: $(OBJ_base)
+$(B)/libcore.a: $(OBJ_core)
+$(B)/libcodec.a: $(OBJ_codec)
+$(B)/libworker.a: $(OBJ_worker)
+$(B)/libserver.a: $(OBJ_server)
+$(B)/libcli.a: $(OBJ_cli)
+$(B)/libtestdata.a: $(HELPERS)
+$(B)/lib%.a:
+	@rm -f $@
+	ar rcs $@ $^
+
+$(B)/lodestreamd: $(B)/server/main.o $(B)/libserver.a $(B)/libbase.a
+	$(CC) $(LDFLAGS) -o $@ $^ $(LIBS_daemon)
+
+$(B)/lodestream: $(B)/clients/cli/main.o $(B)/libcli.a $(B)/libworker.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
+	$(CXX) $(LDFLAGS) -o $@ $^ $(LIBS_tool)
+
+$(B)/%.o: %.c
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) -c -o $@ $<
+
+$(B)/%.o: %.cc
+	@mkdir -p $(@D)
+	$(CXX) $(CXXFLAGS) -c -o $@ $<
+
+# Test programs may reach every module; the linker takes what each needs.
+TEST_LIBS = $(B)/libtestdata.a $(B)/libcli.a $(B)/libworker.a $(B)/libserver.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
+link_test = $(CXX) $(LDFLAGS) -o $@ $< -Wl,--start-group $(TEST_LIBS) -Wl,--end-group
+
+$(B)/%_test: $(B)/%_test.o $(TEST_LIBS)
+	$(link_test) $(LIBS_test)
+$(B)/%_bench: $(B)/%_bench.o $(TEST_LIBS)
+	$(link_test) $(LIBS_test) $(LIBS_bench)
+ifeq ($(config),fuzz)
+$(B)/%_fuzz: $(B)/%_fuzz.o $(TEST_LIBS)
+	$(link_test) -fsanitize=fuzzer $(LIBS_test)
+else
+# Without libFuzzer a target replays the files and folders named on its command line.
+$(B)/%_fuzz: $(B)/%_fuzz.o $(B)/tests/fuzz/replay.o $(TEST_LIBS)
+	$(link_test) $(B)/tests/fuzz/replay.o $(LIBS_test)
+endif
+
+unit-tests: $(UNIT)
+fuzz-replay: $(FUZZ)
+
+.SECONDARY:
+-include $(shell find $(B) -name '*.d' 2>/dev/null)
+
+deps:
+	@deploy/dependencies.sh
+
+web: deps
+	@clients/web/build.sh build/web
+
+run: deps web
+	@$(MAKE) --no-print-directory -j2 programs
+	@deploy/run-sample.sh
+
+test: deps
+	@$(MAKE) --no-print-directory test-only
+
+test-only: web
+	@$(MAKE) --no-print-directory -j2 programs unit-tests
+	@$(MAKE) --no-print-directory -j2 config=sanitize programs unit-tests fuzz-replay
+	@tests/run.sh
+
+sanitize:
+	@$(MAKE) --no-print-directory -j2 config=sanitize programs unit-tests fuzz-replay
+	@tests/run.sh sanitize
+
+lint:
+	@tests/lint/lint.sh
+
+format:
+	@git ls-files '*.c' '*.h' '*.cc' | xargs clang-format -i
+
+bench: $(patsubst $(B)/tests/bench/%_bench,bench-%,$(BENCH))
+bench-%: $(B)/tests/bench/%_bench programs
+	@$< $(BENCH_ARGS)
+
+SECONDS ?= 60
+fuzz:
+	@$(MAKE) --no-print-directory -j2 config=fuzz fuzz-replay
+	@tests/fuzz/fuzz.sh $(SECONDS)
+
+install: programs
+	install -D -m 755 $(B)/lodestreamd $(DESTDIR)$(PREFIX)/bin/lodestreamd
+	install -D -m 755 $(B)/lodestream $(DESTDIR)$(PREFIX)/bin/lodestream
+	@if [ -d build/web ]; then mkdir -p $(DESTDIR)$(PREFIX)/share/lodestream && cp -R build/web $(DESTDIR)$(PREFIX)/share/lodestream/; fi
+
+clean:
+	rm -rf build

@@ -1,0 +1,31 @@
+/* A level as GLB: KHR_draco_mesh_compression for triangles, plain accessors for LINES and POINTS (with _THICKNESS), materials as they
+ * came, textures by relative URI (the object's SHA-256, a sibling of the GLB wherever it is served from), a node per part and instance. */
+#ifndef LOD_CODEC_EXPORT_GLB_H
+#define LOD_CODEC_EXPORT_GLB_H
+
+#include "core/mesh/model.h"
+
+/* Positions lie on a grid per unit: origin + step * integer, the same grid for all parts of the unit, so that shared vertices coincide. */
+struct lod_glb_settings {
+  double position_error; /* quantisation moves no position by more than this, in model units (> 0); the writer picks the grid */
+  int normal_bits;       /* octahedral; default 8 */
+  int uv_bits;           /* default 12 */
+  int color_bits;        /* default 8 */
+  int draco_speed;       /* 0 = smallest ... 10 = fastest; default 3 */
+  uint32_t threads;
+  const char *const *image_uris; /* image_count relative URIs; NULL: images are embedded in the GLB */
+  const char *generator;         /* asset.generator */
+  const char *extras_json;       /* asset.extras as JSON text, or NULL */
+};
+struct lod_glb_settings lod_glb_defaults(void);
+
+/* meshes: unit_count level meshes of model's units. Bytes in `arena`. */
+LOD_WARN_UNUSED enum lod_status lod_glb_write(const struct lod_model *model, const struct lod_mesh *meshes, const struct lod_glb_settings *settings,
+                                              struct lod_arena *arena, uint8_t **bytes, size_t *size, struct lod_problem *problem);
+
+/* Decodes what lod_glb_write wrote: unit_count meshes in unit space (welded by position; parts and materials tagged as the model has
+ * them), the way a client sees it. Checks every length. Used to certify a level after decoding. */
+LOD_WARN_UNUSED enum lod_status lod_glb_read(const uint8_t *bytes, size_t size, const struct lod_model *model, struct lod_arena *arena,
+                                             struct lod_mesh *meshes, struct lod_problem *problem);
+
+#endif

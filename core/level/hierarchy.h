@@ -1,0 +1,34 @@
+/* The interface of a family: source units in, levels out, finest first. */
+#ifndef LOD_CORE_LEVEL_HIERARCHY_H
+#define LOD_CORE_LEVEL_HIERARCHY_H
+
+#include "core/base/parallel.h"
+#include "core/mesh/model.h"
+
+/* One approximation of all units. Owned by the family; valid until the sink returns. */
+struct lod_level {
+  struct lod_mesh *meshes; /* unit_count */
+  /* Per unit: source vertex -> level vertex that stands for it, or LOD_NONE; NULL when the family has no such map. When a unit has it,
+   * every source triangle's image (triangle, segment or point) is part of the level, so max |v - image(v)| bounds both directions. */
+  uint32_t *const *images;
+  /* Per unit: source triangle -> level primitive (bvh.h numbering) it became or lies near, or LOD_NONE; or NULL. Hints for certification. */
+  uint32_t *const *nearby;
+  /* Per unit: level vertex -> vertex of the next finer level emitted before (nested families); or NULL. */
+  uint32_t *const *parents;
+  double bound; /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
+  double cell;  /* width of the clustering cell; 0 = none */
+};
+
+/* Receives levels finest first. A status other than LOD_OK stops the family and is returned by it. */
+typedef enum lod_status lod_level_sink(void *context, const struct lod_level *level);
+
+struct lod_family {
+  const char *name;     /* "cluster" */
+  const char *sentence; /* what it is, for --help and the manifest */
+  bool nested;          /* coarse vertices are fine vertices */
+  /* settings: the family's own settings struct, NULL = defaults. progress may be NULL. Deterministic for any number of threads. */
+  enum lod_status (*build)(const struct lod_unit *units, uint32_t unit_count, const void *settings, const struct lod_progress *progress,
+                           struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem);
+};
+
+#endif

@@ -1,0 +1,58 @@
+/* Bakes: a durable queue, one worker process a job, deadlines, and what became of each.
+ *
+ * A job that was acknowledged survives a restart: its upload and its row are synced before lod_jobs_submit returns, and a job that was
+ * queued or running when the daemon died runs again (at most 3 times). */
+#ifndef LOD_SERVER_JOBS_JOBS_H
+#define LOD_SERVER_JOBS_JOBS_H
+
+#include "server/store/store.h"
+
+struct lod_jobs;
+
+enum lod_job_state { LOD_JOB_QUEUED, LOD_JOB_RUNNING, LOD_JOB_DONE, LOD_JOB_FAILED };
+
+struct lod_jobs_settings {
+  struct lod_store *store;         /* not owned */
+  const char *worker_path;         /* the `lodestream` program */
+  uint32_t workers;                /* bakes at once; default 1 */
+  uint32_t threads;                /* per worker; 0 = as many as the machine has */
+  uint32_t queue_limit;            /* waiting jobs; more are refused with LOD_LIMIT "queue-full"; default 64 */
+  uint32_t deadline_seconds;       /* of one bake; default 600 */
+  uint64_t memory_limit_bytes;     /* of one worker; default 8 GiB */
+  uint64_t upload_limit_bytes;     /* default 1 GiB; checked by http while the body arrives */
+  const char *limits_json;         /* import limits object for the 'J' frame, or NULL = defaults */
+  void (*changed)(void *context, uint64_t job); /* called from any thread whenever a job's state, stage or progress changes */
+  void *context;
+};
+struct lod_jobs_settings lod_jobs_defaults(void);
+
+LOD_WARN_UNUSED enum lod_status lod_jobs_create(const struct lod_jobs_settings *settings, struct lod_jobs **jobs, struct lod_problem *problem);
+/* Kills running workers (their jobs run again at the next start) and joins all threads. */
+void lod_jobs_destroy(struct lod_jobs *jobs);
+
+/* An unnamed file in the store for an upload's body; the caller writes to it and passes it to submit or closes it. */
+LOD_WARN_UNUSED enum lod_status lod_jobs_upload_create(struct lod_jobs *jobs, int *fd, struct lod_problem *problem);
+/* Queues a bake of the whole upload. Takes fd in any case. name: file name for messages; format: NULL = sniff. */
+LOD_WARN_UNUSED enum lod_status lod_jobs_submit(struct lod_jobs *jobs, const char *id, const char *name, const char *format, int fd,
+                                                uint64_t *job, struct lod_problem *problem);
+
+struct lod_job {
+  uint64_t number;
+  char id[LOD_MODEL_ID_MAX + 1];
+  enum lod_job_state state;
+  char stage[32];
+  double progress;
+  struct lod_problem problem; /* status LOD_OK unless failed */
+  double created, finished;   /* seconds since 1970 */
+};
+/* False when there is no such job (or it ended long ago: the last 1000 are kept). */
+bool lod_jobs_find(struct lod_jobs *jobs, uint64_t number, struct lod_job *job);
+
+struct lod_jobs_counts {
+  uint64_t queued, running, done, failed;             /* now, now, since start, since start */
+  uint64_t workers_crashed, workers_killed, retried;  /* since start: by signal, by deadline or limit, after a restart */
+  double bake_seconds;                                /* since start, of finished jobs */
+};
+struct lod_jobs_counts lod_jobs_counts(struct lod_jobs *jobs);
+
+#endif
