@@ -42,11 +42,12 @@ static void visit_vertices(const struct lod_mesh *mesh, const double (*instances
  * instance is the identity (model.h): a unit is therefore visited whole, once for every instance of its first part. */
 static void visit_points(const struct lod_model *model, point_visitor *visit, void *context) {
   static const double kIdentity[1][16] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+  uint32_t next = 0; /* parts mostly come in the order of their units, so the search goes on where it last ended */
   for (uint32_t u = 0; u < model->unit_count; u++) {
     const struct lod_part *part = NULL;
-    for (uint32_t p = 0; p < model->part_count && part == NULL; p++)
-      if (model->parts[p].unit == u)
-        part = &model->parts[p];
+    for (uint32_t i = 0; i < model->part_count && part == NULL; i++, next = next + 1 < model->part_count ? next + 1 : 0)
+      if (model->parts[next].unit == u)
+        part = &model->parts[next];
     if (part == NULL || part->instances == NULL)
       visit_vertices(&model->units[u].mesh, kIdentity, 1, visit, context);
     else
