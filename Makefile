@@ -84,7 +84,7 @@ $(B)/libcli.a: $(OBJ_cli)
 $(B)/libtestdata.a: $(HELPERS)
 $(B)/lib%.a:
 	@rm -f $@
-	ar rcs $@ $^
+	ar qcs $@ $^
 
 $(B)/lodestreamd: $(B)/server/main.o $(B)/libserver.a $(B)/libbase.a
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBS_daemon)
@@ -117,6 +117,9 @@ $(B)/%_fuzz: $(B)/%_fuzz.o $(B)/tests/fuzz/replay.o $(TEST_LIBS)
 	$(link_test) $(B)/tests/fuzz/replay.o $(LIBS_test)
 endif
 
+$(B)/tests/sample/sample: $(B)/tests/sample/sample.o $(B)/libtestdata.a $(B)/libcore.a $(B)/libbase.a
+	$(CC) $(LDFLAGS) -o $@ $^ -lm
+
 unit-tests: $(UNIT)
 fuzz-replay: $(FUZZ)
 
@@ -130,8 +133,8 @@ web: deps
 	@clients/web/build.sh build/web
 
 run: deps web
-	@$(MAKE) --no-print-directory -j2 programs
-	@deploy/run-sample.sh
+	@$(MAKE) --no-print-directory -j2 programs $(B)/tests/sample/sample
+	@deploy/run-sample.sh $(B)
 
 test: deps
 	@$(MAKE) --no-print-directory test-only

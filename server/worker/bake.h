@@ -1,6 +1,6 @@
 /* The bake pipeline: import, families, GLB, decode, certify, write. The only place where core and codec meet.
  *
- * Output directory: manifest.json and objects/<sha256>. Objects are written under a temporary name, synced and renamed; the manifest is
+ * Output directory: manifest.json and objects/<sha256>. Every file is written under a temporary name, synced and renamed; the manifest is
  * written last, so a directory with a manifest is whole. */
 #ifndef LOD_SERVER_WORKER_BAKE_H
 #define LOD_SERVER_WORKER_BAKE_H
@@ -22,14 +22,21 @@ struct lod_bake_request {
   const struct lod_import_files *files; /* NULL: the model must be self-contained */
   int directory_fd;                     /* output directory, exists */
   const char *families[LOD_BAKE_MAX_FAMILIES];
-  uint32_t family_count; /* 0 = the default families */
-  uint32_t threads;
-  uint64_t max_memory_bytes; /* 0 = no limit */
+  uint32_t family_count; /* 0 = every family that is built */
+  /* Errors to meet, a level each (model units, or shares of the diagonal where epsilon_relative); none = the family's own ladder. */
+  double epsilons[LOD_BAKE_MAX_LIST];
+  bool epsilon_relative[LOD_BAKE_MAX_LIST];
+  uint32_t epsilon_count;
+  uint32_t threads;          /* as lod_parallel_for */
+  uint64_t max_memory_bytes; /* of everything the bake allocates itself; 0 = no limit */
   struct lod_import_limits limits;
-  const struct lod_progress *progress;
+  const struct lod_progress *progress; /* may be NULL */
 };
 
 struct lod_bake_request lod_bake_defaults(void);
+
+/* The families that can be baked, in order of their names; *count of them. */
+const struct lod_family *const *lod_bake_families(uint32_t *count);
 
 LOD_WARN_UNUSED enum lod_status lod_bake_run(const struct lod_bake_request *request, struct lod_problem *problem);
 

@@ -1,0 +1,204 @@
+/* lodestream bake: a model file in, a directory of certified levels out. */
+#include "server/worker/bake.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "clients/cli/cli.h"
+#include "core/level/hierarchy.h"
+
+static int run(int argc, char **argv);
+
+static const struct cli_option kOptions[] = {
+    {"output", 'o', "DIR", "Where manifest.json and objects/ go; made when it is not there. Required."},
+    {"family", 'f', "NAME", "A family of levels to bake; may be given several times. Default: all that are built."},
+    {"epsilon", 'e', "X|X%", "An error to meet, in model units or in percent of the diagonal; may be given several times. Default: a ladder."},
+    {"format", 0, "NAME", "The file's format, where its content does not tell."},
+    {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
+    {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
+    {"max-bytes", 0, "N", "Refuse files larger than this, with all that they refer to."},
+    {"max-vertices", 0, "N", "Refuse models with more vertices."},
+    {"max-triangles", 0, "N", "Refuse models with more triangles."},
+    {"max-instances", 0, "N", "Refuse models with more placed parts."},
+    {"max-depth", 0, "N", "Refuse node trees deeper than this."},
+    {"max-texture-pixels", 0, "N", "Refuse textures wider or higher than this."},
+    {"max-texture-bytes", 0, "N", "Refuse encoded textures larger than this."},
+    {"max-memory", 0, "N", "Stop when the bake itself holds more bytes than this. Default: no limit."},
+    {0},
+};
+
+const struct cli_command cli_bake = {
+    .name = "bake",
+    .usage = "MODEL -o DIR [options]",
+    .sentence = "Make levels of detail with certified errors from a model file.",
+    .text = "MODEL is glTF, GLB, PLY, STL, OBJ, OFF or anything assimp reads; its content tells which. Files that it refers to\n"
+            "are looked for beside it and never elsewhere. DIR gets manifest.json and objects/<sha256>; the manifest is\n"
+            "written last, so a directory with a manifest is whole.\n\n"
+            "  lodestream bake bunny.ply -o bunny\n"
+            "  lodestream bake engine.glb -o engine --family cluster --epsilon 0.5% --epsilon 2%",
+    .options = kOptions,
+    .run = run,
+};
+
+static bool parse_epsilon(const char *text, double *value, bool *relative) {
+  char number[64];
+  size_t length = strlen(text);
+  *relative = length > 0 && text[length - 1] == '%';
+  if (length == 0 || length >= sizeof number)
+    return false;
+  memcpy(number, text, length + 1);
+  if (*relative)
+    number[length - 1] = '\0';
+  if (!cli_parse_real(number, value) || *value < 0)
+    return false;
+  if (*relative)
+    *value /= 100;
+  return true;
+}
+
+/* One option into the request; CLI_DONE or the exit status. */
+static int apply_option(struct lod_bake_request *request, const struct cli_option *option, const char *value, const char **output) {
+  const struct {
+    const char *name;
+    uint64_t most;
+    uint64_t *wide;
+    uint32_t *narrow;
+  } counts[] = {
+      {"jobs", 1024, NULL, &request->threads},
+      {"max-bytes", UINT64_MAX, &request->limits.max_bytes, NULL},
+      {"max-vertices", UINT64_MAX, &request->limits.max_vertices, NULL},
+      {"max-triangles", UINT64_MAX, &request->limits.max_triangles, NULL},
+      {"max-instances", UINT32_MAX, NULL, &request->limits.max_instances},
+      {"max-depth", UINT32_MAX, NULL, &request->limits.max_depth},
+      {"max-texture-pixels", UINT32_MAX, NULL, &request->limits.max_texture_pixels},
+      {"max-texture-bytes", UINT64_MAX, &request->limits.max_texture_bytes, NULL},
+      {"max-memory", UINT64_MAX, &request->max_memory_bytes, NULL},
+  };
+  for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++) {
+    if (strcmp(option->name, counts[i].name) != 0)
+      continue;
+    uint64_t number;
+    if (!cli_parse_count(value, counts[i].most, &number))
+      return cli_usage(&cli_bake, "--%s %s: expected a whole number", option->name, value);
+    if (counts[i].wide != NULL)
+      *counts[i].wide = number;
+    else
+      *counts[i].narrow = (uint32_t)number;
+    return CLI_DONE;
+  }
+  if (strcmp(option->name, "output") == 0) {
+    *output = value;
+  } else if (strcmp(option->name, "family") == 0) {
+    if (request->family_count == LOD_BAKE_MAX_FAMILIES)
+      return cli_usage(&cli_bake, "--family was given more than %d times", LOD_BAKE_MAX_FAMILIES);
+    request->families[request->family_count++] = value;
+  } else if (strcmp(option->name, "epsilon") == 0) {
+    if (request->epsilon_count == LOD_BAKE_MAX_LIST)
+      return cli_usage(&cli_bake, "--epsilon was given more than %d times", LOD_BAKE_MAX_LIST);
+    uint32_t i = request->epsilon_count++;
+    if (!parse_epsilon(value, &request->epsilons[i], &request->epsilon_relative[i]))
+      return cli_usage(&cli_bake, "--epsilon %s: expected a number of model units or a percentage of the diagonal, 0 or more, such as 0.25%%", value);
+  } else if (strcmp(option->name, "format") == 0) {
+    request->format = value;
+  } else if (strcmp(option->name, "id") == 0) {
+    request->id = value;
+  }
+  return CLI_DONE;
+}
+
+static void print_summary(int directory_fd, const char *directory, bool json) {
+  int fd = openat(directory_fd, "manifest.json", O_RDONLY | O_CLOEXEC);
+  json_t *manifest = fd < 0 ? NULL : json_loadfd(fd, 0, NULL);
+  if (fd >= 0)
+    close(fd);
+  if (manifest == NULL)
+    return;
+  if (json) {
+    json_dumpf(manifest, stdout, JSON_COMPACT | JSON_REAL_PRECISION(9));
+    printf("\n");
+  } else {
+    const char *name;
+    json_t *family;
+    json_object_foreach(json_object_get(manifest, "families"), name, family) {
+      printf("%s: %zu levels in %.2f s -> %s\n", name, json_array_size(json_object_get(family, "levels")),
+             json_real_value(json_object_get(json_object_get(manifest, "bake"), "seconds")), directory);
+    }
+    size_t i;
+    json_t *warning;
+    json_array_foreach(json_object_get(json_object_get(manifest, "bake"), "warnings"), i, warning)
+      printf("warning: %s\n", json_string_value(warning));
+  }
+  json_decref(manifest);
+}
+
+static int bake_file(struct lod_bake_request *request, const char *path, const char *output, bool json) {
+  struct lod_problem problem = {0};
+  struct cli_file file;
+  if (cli_file_open(path, &file, &problem) != LOD_OK)
+    return cli_problem(&problem, json);
+  if (mkdir(output, 0755) != 0 && errno != EEXIST) {
+    lod_fail(&problem, LOD_IO, "cannot-open", "Cannot make the output directory %s: %s.", output, strerror(errno));
+    cli_file_close(&file);
+    return cli_problem(&problem, json);
+  }
+  const char *slash = strrchr(path, '/');
+  const char *base = slash == NULL ? path : slash + 1;
+  char parent[4096] = ".", id[256];
+  if (slash != NULL)
+    snprintf(parent, sizeof parent, "%.*s", slash == path ? 1 : (int)(slash - path), path);
+  const char *dot = strrchr(base, '.');
+  snprintf(id, sizeof id, "%.*s", dot == NULL || dot == base ? (int)strlen(base) : (int)(dot - base), base);
+  int parent_fd = open(parent, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  struct lod_import_files files = lod_import_files_beneath(&parent_fd);
+  struct cli_bar bar;
+  struct lod_progress progress = cli_bar_start(&bar);
+  request->bytes = file.bytes;
+  request->size = file.size;
+  request->name = base;
+  if (request->id == NULL)
+    request->id = id;
+  request->files = parent_fd >= 0 ? &files : NULL;
+  request->progress = &progress;
+  request->directory_fd = open(output, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  int exit_status;
+  if (request->directory_fd < 0)
+    lod_fail(&problem, LOD_IO, "cannot-open", "Cannot open the output directory %s: %s.", output, strerror(errno));
+  if (request->directory_fd < 0 || lod_bake_run(request, &problem) != LOD_OK) {
+    cli_bar_end(&bar);
+    exit_status = cli_problem(&problem, json);
+  } else {
+    cli_bar_end(&bar);
+    print_summary(request->directory_fd, output, json);
+    exit_status = CLI_DONE;
+  }
+  if (request->directory_fd >= 0)
+    close(request->directory_fd);
+  if (parent_fd >= 0)
+    close(parent_fd);
+  cli_file_close(&file);
+  return exit_status;
+}
+
+static int run(int argc, char **argv) {
+  struct cli_arguments arguments = {.command = &cli_bake, .argc = argc, .argv = argv};
+  struct lod_bake_request request = lod_bake_defaults();
+  request.id = NULL;
+  const char *output = NULL, *value = NULL;
+  for (const struct cli_option *option; (option = cli_next(&arguments, &value)) != NULL;) {
+    int status = apply_option(&request, option, value, &output);
+    if (status != CLI_DONE)
+      return status;
+  }
+  if (arguments.operand_count != 1)
+    return cli_usage(&cli_bake, "expected one MODEL, got %d", arguments.operand_count);
+  if (output == NULL)
+    return cli_usage(&cli_bake, "-o DIR is missing: where shall the levels go?");
+  return bake_file(&request, arguments.operands[0], output, arguments.json);
+}

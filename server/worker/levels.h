@@ -1,0 +1,44 @@
+/* Levels on their way into a store: encoded, decoded again, certified. */
+#ifndef LOD_SERVER_WORKER_LEVELS_H
+#define LOD_SERVER_WORKER_LEVELS_H
+
+#include "core/level/hierarchy.h"
+#include "core/mesh/bvh.h"
+#include "core/mesh/distance.h"
+#include "server/worker/output.h"
+
+/* A level's share in one part of the model. */
+struct lod_part_figures {
+  uint64_t vertices, triangles, edges, points;
+  double error; /* bound of the part's unit, model units */
+};
+
+struct lod_baked_level {
+  uint64_t vertices, triangles, edges, points; /* as decoded; instances not counted */
+  struct lod_interval error;                   /* certified, model units, quantisation and import rounding included */
+  double cell;
+  uint8_t *bytes; /* the GLB */
+  size_t size;
+  char object[LOD_HASH_HEX + 1]; /* set when it is written */
+  struct lod_part_figures *parts; /* part_count */
+};
+
+/* What all levels of a model share. */
+struct lod_level_baker {
+  const struct lod_model *model;
+  struct lod_bvh **source_bvhs;       /* unit_count */
+  const char *const *image_uris;      /* image_count */
+  double diagonal;
+  uint32_t threads;
+  const struct lod_progress *progress;
+};
+
+/* Encodes `level` so that quantisation takes at most a quarter of its certified error, or exactly `position_error` where that is > 0 (the
+ * source itself, which has no other error). Results live in `arena`. */
+LOD_WARN_UNUSED enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
+                                               struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem);
+
+/* Orders levels coarsest first and drops every level that another one betters in bytes without more error. Returns how many are left. */
+uint32_t lod_levels_order(struct lod_baked_level *levels, uint32_t count);
+
+#endif

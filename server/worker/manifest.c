@@ -1,0 +1,167 @@
+#include "server/worker/manifest.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* Numbers are written with 9 digits, so an upper bound is first raised above what that rounding may take away. */
+static json_t *upper_bound(double value) {
+  return json_real(value * (1 + 2e-9));
+}
+
+static json_t *lower_bound(double value) {
+  return json_real(value * (1 - 2e-9));
+}
+
+static json_t *numbers(const double *values, size_t count) {
+  json_t *array = json_array();
+  for (size_t i = 0; i < count; i++)
+    json_array_append_new(array, json_real(values[i]));
+  return array;
+}
+
+/* Names come from files: what is not UTF-8 must not cost the manifest. */
+static json_t *text(const char *string) {
+  json_t *value = json_string(string);
+  return value != NULL ? value : json_string("(name is not UTF-8)");
+}
+
+static json_t *level_json(const struct lod_baked_level *level, uint32_t index) {
+  json_t *json = json_pack("{sI sI sI sI sI}", "level", (json_int_t)index, "vertices", (json_int_t)level->vertices, "triangles",
+                           (json_int_t)level->triangles, "edges", (json_int_t)level->edges, "points", (json_int_t)level->points);
+  json_object_set_new(json, "error", upper_bound(level->error.upper));
+  json_object_set_new(json, "error_lower", lower_bound(level->error.lower));
+  if (level->cell > 0)
+    json_object_set_new(json, "cell", json_real(level->cell));
+  json_object_set_new(json, "bytes", json_integer((json_int_t)level->size));
+  json_object_set_new(json, "object", json_string(level->object));
+  json_object_set_new(json, "type", json_string("model/gltf-binary"));
+  return json;
+}
+
+static json_t *families_json(const struct lod_manifest_facts *facts) {
+  json_t *families = json_object();
+  for (uint32_t f = 0; f < facts->family_count; f++) {
+    const struct lod_baked_family *family = &facts->families[f];
+    json_t *levels = json_array();
+    for (uint32_t i = 0; i < family->level_count; i++)
+      json_array_append_new(levels, level_json(&family->levels[i], i));
+    json_object_set_new(families, family->family->name, json_pack("{sb so}", "nested", family->family->nested, "levels", levels));
+  }
+  return families;
+}
+
+static json_t *part_families_json(const struct lod_manifest_facts *facts, uint32_t part) {
+  json_t *families = json_object();
+  for (uint32_t f = 0; f < facts->family_count; f++) {
+    const struct lod_baked_family *family = &facts->families[f];
+    json_t *levels = json_array();
+    for (uint32_t i = 0; i < family->level_count; i++) {
+      const struct lod_part_figures *figures = &family->levels[i].parts[part];
+      json_t *level = json_pack("{sI sI sI sI sI}", "level", (json_int_t)i, "vertices", (json_int_t)figures->vertices, "triangles",
+                                (json_int_t)figures->triangles, "edges", (json_int_t)figures->edges, "points", (json_int_t)figures->points);
+      json_object_set_new(level, "error", upper_bound(figures->error));
+      json_object_set_new(level, "bytes", json_integer((json_int_t)family->levels[i].size));
+      json_object_set_new(level, "object", json_string(family->levels[i].object));
+      json_object_set_new(level, "type", json_string("model/gltf-binary"));
+      json_array_append_new(levels, level);
+    }
+    json_object_set_new(families, family->family->name, json_pack("{sb so}", "nested", family->family->nested, "levels", levels));
+  }
+  return families;
+}
+
+static json_t *parts_json(const struct lod_manifest_facts *facts) {
+  json_t *parts = json_array();
+  for (uint32_t p = 0; p < facts->model->part_count; p++) {
+    const struct lod_part *part = &facts->model->parts[p];
+    json_t *instances = json_array();
+    for (uint32_t i = 0; i < part->instance_count; i++)
+      json_array_append_new(instances, numbers(part->instances[i], 16));
+    json_t *json = json_object();
+    json_object_set_new(json, "name", text(part->name));
+    json_object_set_new(json, "instances", instances);
+    json_object_set_new(json, "families", part_families_json(facts, p));
+    json_array_append_new(parts, json);
+  }
+  return parts;
+}
+
+static json_t *source_json(const struct lod_manifest_facts *facts) {
+  const struct lod_source_facts *source = facts->source;
+  json_t *json = json_object();
+  json_object_set_new(json, "format", json_string(facts->model->format));
+  json_object_set_new(json, "name", text(facts->request->name));
+  json_object_set_new(json, "sha256", json_string(source->sha256));
+  json_object_set_new(json, "bytes", json_integer((json_int_t)source->bytes));
+  json_object_set_new(json, "vertices", json_integer((json_int_t)facts->model->source_vertices));
+  json_object_set_new(json, "triangles", json_integer((json_int_t)facts->model->source_triangles));
+  json_object_set_new(json, "components", json_integer((json_int_t)source->components));
+  json_object_set_new(json, "boundary_loops", json_integer((json_int_t)source->boundary_loops));
+  json_object_set_new(json, "non_manifold_edges", json_integer((json_int_t)source->non_manifold_edges));
+  json_object_set_new(json, "degenerate_triangles", json_integer((json_int_t)source->degenerate_triangles));
+  json_object_set_new(json, "closed", json_boolean(source->closed));
+  json_object_set_new(json, "diagonal", json_real(lod_bounds_diagonal(&source->bounds)));
+  json_object_set_new(json, "bounds", json_pack("{so so}", "min", numbers(source->bounds.min, 3), "max", numbers(source->bounds.max, 3)));
+  json_object_set_new(json, "sphere", json_pack("{so so}", "center", numbers(source->sphere.center, 3), "radius", json_real(source->sphere.radius)));
+  return json;
+}
+
+static json_t *textures_json(const struct lod_manifest_facts *facts) {
+  json_t *textures = json_array();
+  for (uint32_t i = 0; i < facts->model->image_count; i++) {
+    const struct lod_image *image = &facts->model->images[i];
+    json_array_append_new(textures, json_pack("{ss ss sI sI sI}", "object", facts->image_objects[i], "type", image->mime, "bytes",
+                                              (json_int_t)image->size, "width", (json_int_t)image->width, "height", (json_int_t)image->height));
+  }
+  return textures;
+}
+
+static json_t *settings_json(const struct lod_bake_request *request) {
+  json_t *families = json_array();
+  for (uint32_t i = 0; i < request->family_count; i++)
+    json_array_append_new(families, json_string(request->families[i]));
+  json_t *epsilons = json_array();
+  for (uint32_t i = 0; i < request->epsilon_count; i++) {
+    char value[40];
+    double epsilon = request->epsilons[i];
+    snprintf(value, sizeof value, request->epsilon_relative[i] ? "%.9g%%" : "%.9g", request->epsilon_relative[i] ? 100 * epsilon : epsilon);
+    json_array_append_new(epsilons, json_string(value));
+  }
+  return json_pack("{so so ss}", "families", families, "epsilons", epsilons, "version", LOD_VERSION);
+}
+
+char *lod_manifest_text(const struct lod_manifest_facts *facts) {
+  json_t *settings = settings_json(facts->request);
+  char *settings_text = json_dumps(settings, JSON_COMPACT);
+  char revision[LOD_HASH_HEX + 1] = "";
+  if (settings_text != NULL) {
+    char key[LOD_HASH_HEX + 4096];
+    int length = snprintf(key, sizeof key, "%s%s", facts->source->sha256, settings_text);
+    lod_hash_bytes(key, (size_t)length < sizeof key ? (size_t)length : sizeof key - 1, revision);
+    revision[32] = '\0';
+  }
+  free(settings_text);
+
+  json_t *warnings = json_array();
+  for (uint32_t i = 0; i < facts->model->warning_count; i++)
+    json_array_append_new(warnings, text(facts->model->warnings[i]));
+  json_t *bake = json_object();
+  json_object_set_new(bake, "settings", settings);
+  json_object_set_new(bake, "seconds", json_real(facts->seconds));
+  json_object_set_new(bake, "peak_bytes", json_integer((json_int_t)facts->peak_bytes));
+  json_object_set_new(bake, "warnings", warnings);
+
+  json_t *manifest = json_object();
+  json_object_set_new(manifest, "id", text(facts->request->id));
+  json_object_set_new(manifest, "revision", json_string(revision));
+  json_object_set_new(manifest, "source", source_json(facts));
+  json_object_set_new(manifest, "families", families_json(facts));
+  json_object_set_new(manifest, "parts", parts_json(facts));
+  json_object_set_new(manifest, "textures", textures_json(facts));
+  json_object_set_new(manifest, "bake", bake);
+  char *result = json_dumps(manifest, JSON_COMPACT | JSON_REAL_PRECISION(9));
+  json_decref(manifest);
+  return result;
+}

@@ -1,0 +1,37 @@
+/* manifest.json of a bake (described in codec/FORMAT.md). */
+#ifndef LOD_SERVER_WORKER_MANIFEST_H
+#define LOD_SERVER_WORKER_MANIFEST_H
+
+#include "server/worker/bake.h"
+#include "server/worker/levels.h"
+
+struct lod_baked_family {
+  const struct lod_family *family;
+  struct lod_baked_level *levels; /* coarsest first */
+  uint32_t level_count;
+};
+
+struct lod_source_facts {
+  char sha256[LOD_HASH_HEX + 1];
+  uint64_t bytes;
+  struct lod_bounds bounds;
+  struct lod_sphere sphere;
+  uint64_t components, boundary_loops, non_manifold_edges, degenerate_triangles;
+  bool closed;
+};
+
+struct lod_manifest_facts {
+  const struct lod_bake_request *request;
+  const struct lod_model *model;
+  const struct lod_source_facts *source;
+  const struct lod_baked_family *families;
+  uint32_t family_count;
+  const char (*image_objects)[LOD_HASH_HEX + 1]; /* image_count */
+  double seconds;
+  uint64_t peak_bytes;
+};
+
+/* JSON text, malloc'd: the caller frees. NULL when memory is out. */
+char *lod_manifest_text(const struct lod_manifest_facts *facts);
+
+#endif
