@@ -19,7 +19,13 @@ struct lod_store;
 
 /* Opens or makes the store; removes what an interrupted run left (work/, unnamed objects). One process at a time holds it. */
 LOD_WARN_UNUSED enum lod_status lod_store_open(const char *directory, struct lod_store **store, struct lod_problem *problem);
+/* All models and objects must have been released, all other users be gone. NULL is allowed. */
 void lod_store_close(struct lod_store *store);
+/* The most that all objects together may hold (each counted once); a bake that would exceed it fails with LOD_LIMIT "quota". 0 = no limit.
+ */
+void lod_store_set_quota(struct lod_store *store, uint64_t bytes);
+/* What all objects hold now, each counted once. */
+uint64_t lod_store_bytes(struct lod_store *store);
 /* True while the catalogue answers and the directory can be written: for /readyz. */
 bool lod_store_ready(struct lod_store *store, struct lod_problem *problem);
 
@@ -60,9 +66,9 @@ struct lod_stored_model {
   const char *manifest; /* JSON text as served by GET /v1/models/{id} */
   size_t manifest_size;
   char manifest_etag[LOD_SHA256_HEX + 3]; /* quoted */
-  double created;       /* seconds since 1970 */
-  uint64_t bytes;       /* of all its objects */
-  uint64_t triangles;   /* of the source */
+  double created;                         /* seconds since 1970 */
+  uint64_t bytes;                         /* of all its objects */
+  uint64_t triangles;                     /* of the source */
   double diagonal;
   uint32_t family_count;
   struct lod_stored_family *families; /* of the whole model: manifest.families */
@@ -81,7 +87,10 @@ uint64_t lod_store_generation(struct lod_store *store);
 LOD_WARN_UNUSED enum lod_status lod_store_model_delete(struct lod_store *store, const char *id, bool *existed, struct lod_problem *problem);
 
 /* Takes a finished bake directory (manifest.json + objects/) into the store as the new revision of `id`: checks the manifest's shape and
- * every object's hash and size, moves, syncs, commits. The worker that wrote it is not trusted. On failure nothing changes. */
-LOD_WARN_UNUSED enum lod_status lod_store_commit_bake(struct lod_store *store, const char *id, int directory_fd, struct lod_problem *problem);
+ * every object's hash and size, moves, syncs, commits. The worker that wrote it is not trusted, and must be dead: nothing may write to the
+ * files meanwhile. On failure nothing changes; problems are "bad-manifest", "bad-object", "quota", "disk-full", "store-read-only",
+ * "store-error". */
+LOD_WARN_UNUSED enum lod_status lod_store_commit_bake(struct lod_store *store, const char *id, int directory_fd,
+                                                      struct lod_problem *problem);
 
 #endif
