@@ -1,9 +1,10 @@
 /* Polygons with corners in space, concave, with holes, not quite planar, or plainly wrong, to triangles.
  *
  * The polygon is seen along one axis: the one that leaves the largest area, so coordinates stay the file's own and every decision is an
- * exact predicate. A polygon that is simple in that view (or, failing that, in another one) gets triangles that cover it without overlap and
- * are then flipped until opposite angles are small (Delaunay). One that crosses itself in every view still gets a complete set of
- * triangles, those of least area in space, and a flag. */
+ * exact predicate. A polygon that is simple in that view (or, failing that, in another one) gets triangles that cover it without
+ * overlap and are then flipped until opposite angles are small (Delaunay). One that winds the wrong way round some place in every view,
+ * as a figure of eight does, still gets a complete set of triangles, those of least area in space, and a flag. (What a polygon winds
+ * around twice, as a pentagram its middle, is covered twice.) */
 #ifndef LOD_CORE_MESH_TRIANGULATE_H
 #define LOD_CORE_MESH_TRIANGULATE_H
 
@@ -12,7 +13,7 @@
 #include "core/mesh/mesh.h"
 
 enum lod_triangulate_flag {
-  LOD_TRIANGULATE_CROSSED = 1,    /* crosses itself in every view, or is too intricate to solve in bounded time: triangles may overlap */
+  LOD_TRIANGULATE_CROSSED = 1,    /* a figure of eight in every view, or too intricate for bounded time: triangles overlap */
   LOD_TRIANGULATE_DEGENERATE = 2, /* all corners lie on one line: triangles have no area */
 };
 
