@@ -7,6 +7,7 @@
 #define LOD_CORE_MESH_DISTANCE_H
 
 #include "core/base/parallel.h"
+#include "core/mesh/bvh.h"
 #include "core/mesh/mesh.h"
 
 struct lod_interval {
@@ -16,12 +17,15 @@ struct lod_interval {
 struct lod_distance_settings {
   double relative;        /* stop when upper - lower <= relative * lower ... (default LOD_TOLERANCE_DISTANCE_RELATIVE) */
   double absolute;        /* ... or <= absolute, in model units (default 0) */
-  uint64_t budget;        /* most splits a side before it stops with a looser, still valid interval; 0 = 20 million */
+  uint64_t budget;        /* about the most splits a side before it stops with a looser, still valid interval; 0 = 20 million */
   uint32_t threads;       /* as lod_parallel_for; results do not depend on it */
   double known_upper_ab;  /* an upper bound of a->b already proven by other means; INFINITY = none */
   double known_upper_ba;
   const uint32_t *hint_ab; /* per primitive of a (numbered as in bvh.h): a primitive of b likely to lie near, or LOD_NONE; or NULL */
   const uint32_t *hint_ba;
+  const struct lod_bvh *bvh_a; /* a tree over a, when the caller has one; NULL = built here. Not owned */
+  const struct lod_bvh *bvh_b;
+  bool larger_side_only;  /* certify two_sided alone: the smaller side's interval is valid but may stay loose. Saves most of its time */
   bool rms;               /* also estimate the root mean square distance by sampling */
   const struct lod_progress *progress; /* or NULL */
 };
