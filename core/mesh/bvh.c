@@ -11,8 +11,8 @@
 #include "core/mesh/bvh_tree.h"
 
 enum {
-  KEY_LEVELS = 16,  /* bits an axis: 48-bit keys */
-  DIGIT_BITS = 12,  /* four passes */
+  KEY_LEVELS = 16, /* bits an axis: 48-bit keys */
+  DIGIT_BITS = 12, /* four passes */
   DIGITS = 1 << DIGIT_BITS,
   SORT_GRAIN = 1 << 16,
   NODE_GRAIN = 1 << 11,

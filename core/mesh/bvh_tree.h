@@ -1,7 +1,7 @@
 /* The tree behind bvh.h, for the modules that walk it themselves (closest.c, distance.c).
  *
- * Primitives are sorted along a Hilbert curve and packed: leaf j holds slots [4j, 4j + 4), lane k of node i at level 0 is leaf 4i + k, lane k of
- * node i at level l is node 4i + k at level l - 1. No pointers: a node's place says what is under it, so any node is also a group of
+ * Primitives are sorted along a Hilbert curve and packed: leaf j holds slots [4j, 4j + 4), lane k of node i at level 0 is leaf 4i + k, lane
+ * k of node i at level l is node 4i + k at level l - 1. No pointers: a node's place says what is under it, so any node is also a group of
  * neighbouring primitives. */
 #ifndef LOD_CORE_MESH_BVH_TREE_H
 #define LOD_CORE_MESH_BVH_TREE_H

@@ -137,7 +137,8 @@ static void split(const struct lod_piece *piece, struct lod_piece children[2]) {
   children[0].depth = children[1].depth = piece->depth + 1;
 }
 
-uint32_t lod_certify_piece(struct lod_certifier *c, const struct lod_piece *piece, uint32_t splits, struct lod_piece rest[LOD_CERTIFY_REST]) {
+uint32_t lod_certify_piece(struct lod_certifier *c, const struct lod_piece *piece, uint32_t splits,
+                           struct lod_piece rest[LOD_CERTIFY_REST]) {
   struct lod_piece stack[LOD_CERTIFY_REST];
   uint32_t depth = 0, left = 0, used = 0;
   stack[depth++] = *piece;

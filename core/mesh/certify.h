@@ -26,7 +26,7 @@ struct lod_certifier {
   double threshold;             /* what may be dropped: follows from the above; see lod_certifier_raise */
   double upper;                 /* largest bound of what was dropped */
   uint64_t splits;
-  uint32_t last;                /* primitive that decided the last piece */
+  uint32_t last;                   /* primitive that decided the last piece */
   struct lod_triangle_probe probe; /* of probe_primitive */
   uint32_t probe_primitive;
 };

@@ -17,14 +17,14 @@
 #include "core/mesh/distance_rms.h"
 
 enum {
-  SAMPLES = 4096,       /* primitives asked first */
+  SAMPLES = 4096, /* primitives asked first */
   SAMPLE_GRAIN = 64,
-  SUSPECTS = 128,       /* neighbourhoods searched next */
-  SUSPECT_LEVEL = 1,    /* 64 primitives each */
-  CHUNK_LEVEL = 4,      /* 4096 primitives */
-  FIRST_ROUND = 64,     /* chunks */
-  SCAN_SPLITS = 64,     /* a primitive may take while scanning */
-  FIRST_BATCH = 64,     /* pieces of the list */
+  SUSPECTS = 128,    /* neighbourhoods searched next */
+  SUSPECT_LEVEL = 1, /* 64 primitives each */
+  CHUNK_LEVEL = 4,   /* 4096 primitives */
+  FIRST_ROUND = 64,  /* chunks */
+  SCAN_SPLITS = 64,  /* a primitive may take while scanning */
+  FIRST_BATCH = 64,  /* pieces of the list */
   LARGEST_BATCH = 8192,
 };
 static const uint64_t kBudget = 20000000;

@@ -54,8 +54,8 @@ static void sample_chunk(void *context, size_t begin, size_t end, size_t chunk) 
   s->sums[chunk] = sum;
 }
 
-enum lod_status lod_distance_sample_rms(const struct lod_bvh *items, const struct lod_bvh *target, uint32_t threads, struct lod_arena *arena,
-                                        double *rms) {
+enum lod_status lod_distance_sample_rms(const struct lod_bvh *items, const struct lod_bvh *target, uint32_t threads,
+                                        struct lod_arena *arena, double *rms) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   if (scratch == NULL)
     return LOD_MEMORY;
