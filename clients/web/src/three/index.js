@@ -1,0 +1,5 @@
+export { LevelLoader, makeDraco } from './loader.js';
+export { LevelObject } from './level.js';
+export { SharedTextures } from './textures.js';
+export { computeCreasedNormals, creaseAngle } from './normals.js';
+export { thickLines, thickMaterial, thickPoints } from './thick.js';

@@ -1,0 +1,298 @@
+/**
+ * The picture: camera, light, the level that is drawn and the one that fades out. Draws only when something changes.
+ */
+
+import {
+  DirectionalLight, Group, HemisphereLight, NeutralToneMapping, PerspectiveCamera, PMREMGenerator, Scene, Vector3, WebGLRenderer,
+} from 'three';
+import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+import { RoomEnvironment } from 'three/addons/environments/RoomEnvironment.js';
+
+const FOV = 45;
+const FADE_SECONDS = 0.28;
+const FLY_SECONDS = 0.5;
+const PIXEL_RATIO_MAX = 2;
+const KEY_TURN = Math.PI / 24;
+/** Eye directions, model standing upright: a little from the right and from above. */
+const FIRST_LOOK = new Vector3(0.42, 0.3, 1).normalize();
+
+export class View {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {{onFrame: (facts: {view, eye: number[], target: number[], seconds: number, frameSeconds: number|null}) => boolean,
+   *          onShown?: () => void, reducedMotion: () => boolean}} options
+   *   onFrame: before each drawing; true: another frame is needed soon. onShown: a fade has ended
+   */
+  constructor(canvas, options) {
+    this.canvas = canvas;
+    this.options = options;
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: 'high-performance' });
+    this.renderer.toneMapping = NeutralToneMapping;
+    this.renderer.toneMappingExposure = 1.05;
+    this.renderer.setClearColor(0x000000, 0);
+    this.scene = new Scene();
+    this.camera = new PerspectiveCamera(FOV, 1, 0.01, 100);
+    this.scene.add(this.camera);
+    this.light();
+    this.model = new Group();
+    this.model.matrixAutoUpdate = false;
+    this.scene.add(this.model);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.enableDamping = !options.reducedMotion();
+    this.controls.dampingFactor = 0.09;
+    this.controls.autoRotateSpeed = 1.2;
+    this.controls.zoomSpeed = 1.1;
+    this.controls.addEventListener('change', () => this.invalidate());
+    this.controls.addEventListener('start', () => (this.flight = null));
+    this.insets = { left: 0, right: 0, top: 0, bottom: 0 };
+    this.sphere = { center: new Vector3(), radius: 1 };
+    this.shown = null;
+    this.leaving = null;
+    this.waiting = null;
+    this.fadeStart = null;
+    this.flight = null;
+    this.wireframe = false;
+    this.lastFrame = null;
+    this.requested = false;
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    canvas.addEventListener('webglcontextrestored', () => this.invalidate());
+    this.resize();
+  }
+
+  light() {
+    const room = new RoomEnvironment();
+    const generator = new PMREMGenerator(this.renderer);
+    this.scene.environment = generator.fromScene(room, 0.04).texture;
+    this.scene.environmentIntensity = 0.5;
+    generator.dispose();
+    room.dispose?.();
+    // A lamp over the viewer's left shoulder goes with the camera: shape is readable from every side.
+    const key = new DirectionalLight(0xffffff, 2.4);
+    key.position.set(-0.9, 1.1, 0.7);
+    this.camera.add(key, key.target);
+    key.target.position.set(0, 0, -1);
+    this.scene.add(new HemisphereLight(0xffffff, 0x8d8880, 0.2));
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (!width || !height) return;
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, PIXEL_RATIO_MAX));
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.placeCentre();
+    this.invalidate();
+  }
+
+  /** Pixels at the picture's borders that panels cover: the model is framed in what is left. */
+  setInsets(insets) {
+    this.insets = insets;
+    this.placeCentre();
+    this.invalidate();
+  }
+
+  /** Moves the optical axis to the middle of the free part; scale, and with it what a pixel measures, stays. */
+  placeCentre() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { left, right, top, bottom } = this.insets;
+    this.camera.setViewOffset(width, height, (right - left) / 2, (bottom - top) / 2, width, height);
+  }
+
+  /** Half the angle under which the free part of the picture is seen, in its narrower direction. */
+  freeHalfAngle() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { left, right, top, bottom } = this.insets;
+    const free = Math.max(0.3, Math.min((width - left - right) / height, (height - top - bottom) / height));
+    return Math.atan(Math.tan((FOV * Math.PI) / 360) * free);
+  }
+
+  /** A new model: its bounding sphere in model space and which axis is up. The camera flies to it at once. */
+  setModel(sphere, up) {
+    this.modelSphere = sphere;
+    this.setUp(up);
+    this.frame(false);
+  }
+
+  setUp(up) {
+    this.model.matrix.identity();
+    if (up === 'z') this.model.matrix.makeRotationX(-Math.PI / 2);
+    this.model.matrixWorldNeedsUpdate = true;
+    if (!this.modelSphere) return;
+    this.sphere.center.fromArray(this.modelSphere.center).applyMatrix4(this.model.matrix);
+    this.sphere.radius = this.modelSphere.radius;
+    this.controls.minDistance = this.sphere.radius * 0.02;
+    this.controls.maxDistance = this.sphere.radius * 60;
+    this.invalidate();
+  }
+
+  /** Whole model in the picture, seen from the first side; animated unless motion is unwelcome. */
+  frame(animated = true) {
+    const { center, radius } = this.sphere;
+    const eye = center.clone().addScaledVector(FIRST_LOOK, radius / Math.sin(this.freeHalfAngle()));
+    if (animated && !this.options.reducedMotion()) {
+      this.flight = { from: { eye: this.camera.position.clone(), target: this.controls.target.clone() }, eye, target: center.clone(), start: null };
+    } else {
+      this.flight = null;
+      this.camera.position.copy(eye);
+      this.controls.target.copy(center);
+      this.controls.update();
+    }
+    this.invalidate();
+  }
+
+  /**
+   * The level to draw from now on (a LevelObject), null for nothing. It fades in over the one before; a level that comes while a fade runs waits
+   * for its end, and only the last of those that wait is shown.
+   */
+  show(object) {
+    if (this.leaving && object) {
+      this.waiting = object;
+      return;
+    }
+    this.waiting = null;
+    if (object === this.shown) return;
+    if (this.leaving) this.end(this.leaving);
+    this.leaving = null;
+    const before = this.shown;
+    this.shown = object;
+    if (object) {
+      object.setWireframe(this.wireframe);
+      object.fade.value = before ? 0 : 1;
+      this.model.add(object.root);
+    }
+    if (before && object) {
+      this.leaving = before;
+      this.fadeStart = null;
+    } else if (before) {
+      this.end(before);
+    }
+    if (!before) this.options.onShown?.();
+    this.invalidate();
+  }
+
+  /** The object is about to be freed: it must not be drawn again. */
+  forget(object) {
+    if (this.waiting === object) this.waiting = null;
+    if (this.leaving === object) {
+      this.end(object);
+      this.leaving = null;
+      if (this.shown) this.shown.fade.value = 1;
+    }
+    if (this.shown === object) this.show(null);
+    this.invalidate();
+  }
+
+  get fading() {
+    return this.leaving !== null;
+  }
+
+  end(object) {
+    object.root.removeFromParent();
+    object.fade.value = 1;
+  }
+
+  setWireframe(on) {
+    this.wireframe = on;
+    this.shown?.setWireframe(on);
+    this.leaving?.setWireframe(on);
+    this.invalidate();
+  }
+
+  setSpin(on) {
+    this.controls.autoRotate = on;
+    this.invalidate();
+  }
+
+  /** Keyboard: turn by angles, move by parts of the picture, zoom by a factor. */
+  turn(right, up) {
+    this.flight = null;
+    const offset = this.camera.position.clone().sub(this.controls.target);
+    const polar = Math.acos(Math.min(1, Math.max(-1, offset.y / offset.length())));
+    const azimuth = Math.atan2(offset.x, offset.z) + right * KEY_TURN;
+    const tilted = Math.min(Math.PI - 0.01, Math.max(0.01, polar + up * KEY_TURN));
+    this.camera.position.copy(this.controls.target).add(new Vector3().setFromSphericalCoords(offset.length(), tilted, azimuth));
+    this.invalidate();
+  }
+
+  move(right, up) {
+    this.flight = null;
+    const reach = this.camera.position.distanceTo(this.controls.target) * Math.tan((FOV * Math.PI) / 360) * 0.12;
+    const x = new Vector3().setFromMatrixColumn(this.camera.matrix, 0).multiplyScalar(right * reach);
+    const y = new Vector3().setFromMatrixColumn(this.camera.matrix, 1).multiplyScalar(up * reach);
+    for (const v of [this.camera.position, this.controls.target]) v.add(x).add(y);
+    this.invalidate();
+  }
+
+  zoom(factor) {
+    this.flight = null;
+    const offset = this.camera.position.clone().sub(this.controls.target);
+    const length = Math.min(this.controls.maxDistance, Math.max(this.controls.minDistance, offset.length() * factor));
+    this.camera.position.copy(this.controls.target).add(offset.setLength(length));
+    this.invalidate();
+  }
+
+  invalidate() {
+    if (this.requested) return;
+    this.requested = true;
+    requestAnimationFrame((ms) => this.draw(ms / 1000));
+  }
+
+  draw(seconds) {
+    this.requested = false;
+    const frameSeconds = this.lastFrame === null ? null : seconds - this.lastFrame;
+    this.lastFrame = seconds;
+    let more = this.fly(seconds);
+    more = this.controls.update(frameSeconds ?? undefined) || more || this.controls.autoRotate;
+    more = this.fadeStep(seconds) || more;
+    this.clip();
+    this.camera.updateMatrixWorld();
+    more = this.options.onFrame(this.facts(seconds, frameSeconds)) || more || this.fading;
+    const height = this.renderer.domElement.height;
+    for (const object of [this.shown, this.leaving]) if (object) object.viewportHeight.value = height;
+    this.renderer.render(this.scene, this.camera);
+    if (more) this.invalidate();
+    else this.lastFrame = null;
+  }
+
+  facts(seconds, frameSeconds) {
+    const eye = this.camera.position.toArray();
+    const distance = Math.max(this.camera.position.distanceTo(this.sphere.center) - this.sphere.radius, this.camera.near);
+    const view = { distance, fov: this.camera.fov, height: this.renderer.domElement.height };
+    return { view, eye, target: this.controls.target.toArray(), seconds, frameSeconds };
+  }
+
+  /** Near and far around the sphere, so that depth is as fine as it can be. */
+  clip() {
+    const { center, radius } = this.sphere;
+    const d = this.camera.position.distanceTo(center);
+    this.camera.near = Math.max(d - radius * 1.1, radius * 1e-3);
+    this.camera.far = Math.max(d + radius * 1.1, this.camera.near * 2);
+    this.camera.updateProjectionMatrix();
+  }
+
+  fly(seconds) {
+    const flight = this.flight;
+    if (!flight) return false;
+    flight.start ??= seconds;
+    const t = Math.min(1, (seconds - flight.start) / FLY_SECONDS);
+    const s = t * t * (3 - 2 * t);
+    this.camera.position.lerpVectors(flight.from.eye, flight.eye, s);
+    this.controls.target.lerpVectors(flight.from.target, flight.target, s);
+    if (t === 1) this.flight = null;
+    return t < 1;
+  }
+
+  fadeStep(seconds) {
+    if (!this.leaving) return false;
+    this.fadeStart ??= seconds;
+    const t = Math.min(1, (seconds - this.fadeStart) / FADE_SECONDS);
+    this.shown.fade.value = t;
+    this.leaving.fade.value = t > 0 ? -t : 1;
+    if (t < 1) return true;
+    this.end(this.leaving);
+    this.leaving = null;
+    this.options.onShown?.();
+    if (this.waiting) this.show(this.waiting);
+    return true;
+  }
+}
