@@ -303,6 +303,8 @@ enum lod_status lod_certify_unit(const struct lod_certify_request *request, stru
     settings.threads = request->threads;
     settings.known_upper_ab = carried.upper_ab;
     settings.known_upper_ba = carried.upper_ba;
+    settings.bvh_a = request->source_bvh;
+    settings.larger_side_only = true;
     settings.hint_ab = carried.hint_ab;
     settings.hint_ba = carried.hint_ba;
     settings.progress = request->progress;
