@@ -1,0 +1,176 @@
+/* Grades vertices by visual importance: the probability of lying on a silhouette times the length of the longest incident edge.
+ *
+ * Based on: Low, Tan. Model Simplification Using Vertex-Clustering. I3D 1997, section 3.1. */
+#include <float.h>
+#include <math.h>
+
+#include "core/cluster/internal.h"
+
+/* Up to this many edges the widest angle is sought among all pairs; beyond, among the edges that reach farthest in kDirections fixed
+ * directions, so that a fan of a million triangles stays linear. */
+enum { ALL_PAIRS = 48, DIRECTIONS = 26 };
+
+struct neighbourhood {
+  uint32_t count;
+  float unit[ALL_PAIRS + DIRECTIONS][3];
+  double longest_squared;
+};
+
+struct grading {
+  struct cluster_unit *unit;
+  const struct lod_cluster_settings *settings;
+  const uint32_t *begin, *corners;
+};
+
+static double angle_factor(double cosine, enum lod_cluster_grading grading) {
+  cosine = cosine > 1 ? 1 : cosine < -1 ? -1 : cosine;
+  if (grading == LOD_CLUSTER_COSINE)
+    return sqrt(0.5 * (1 + cosine));
+  /* The smallest angle that a float cosine tells from 0 keeps the blow-up finite. */
+  return 1 / fmax(acos(cosine), 1e-4);
+}
+
+/* The two other ends of a corner: next and previous of its triangle; for the end of an edge both are the other end. */
+static void other_ends(const struct cluster_unit *unit, uint32_t corner, uint32_t *next, uint32_t *previous, const uint32_t *edge_ends) {
+  if (corner < 3 * unit->mesh->triangle_count) {
+    const uint32_t *triangle = unit->triangles[corner / 3];
+    uint32_t k = corner % 3;
+    *next = triangle[k == 2 ? 0 : k + 1];
+    *previous = triangle[k == 0 ? 2 : k - 1];
+  } else {
+    *next = *previous = edge_ends[(corner - 3 * unit->mesh->triangle_count) ^ 1];
+  }
+}
+
+/* Unit vector to a neighbour; false for an edge of no length. */
+static bool direction(const struct cluster_unit *unit, uint32_t from, uint32_t to, float out[3], double *length_squared) {
+  double x = (double)unit->x[to] - (double)unit->x[from], y = (double)unit->y[to] - (double)unit->y[from],
+         z = (double)unit->z[to] - (double)unit->z[from];
+  *length_squared = x * x + y * y + z * z;
+  if (!(*length_squared > 0))
+    return false;
+  double inverse = 1 / sqrt(*length_squared);
+  out[0] = (float)(x * inverse);
+  out[1] = (float)(y * inverse);
+  out[2] = (float)(z * inverse);
+  return true;
+}
+
+static float dot(const float a[3], const float b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void add_few(const struct cluster_unit *unit, uint32_t v, const uint32_t *corners, uint32_t count, struct neighbourhood *hood,
+                    const uint32_t *edge_ends) {
+  uint32_t next[ALL_PAIRS / 2], previous[ALL_PAIRS / 2];
+  uint64_t next_sum = 0, previous_sum = 0;
+  for (uint32_t i = 0; i < count; i++) {
+    other_ends(unit, corners[i], &next[i], &previous[i], edge_ends);
+    next_sum += cluster_hash(next[i]);
+    previous_sum += cluster_hash(previous[i]);
+  }
+  double squared;
+  for (uint32_t i = 0; i < count; i++)
+    if (direction(unit, v, next[i], hood->unit[hood->count], &squared)) {
+      hood->longest_squared = fmax(hood->longest_squared, squared);
+      hood->count++;
+    }
+  if (next_sum == previous_sum) /* a closed fan: every edge leaves as often as it arrives */
+    return;
+  for (uint32_t i = 0; i < count; i++) {
+    uint32_t j = 0;
+    while (j < count && next[j] != previous[i])
+      j++;
+    if (j == count && direction(unit, v, previous[i], hood->unit[hood->count], &squared)) {
+      hood->longest_squared = fmax(hood->longest_squared, squared);
+      hood->count++;
+    }
+  }
+}
+
+/* Keeps the edge that reaches farthest in each direction of the 3 x 3 x 3 cube but its middle. */
+static void add_many(const struct cluster_unit *unit, uint32_t v, const uint32_t *corners, uint32_t count, struct neighbourhood *hood,
+                     const uint32_t *edge_ends) {
+  float reach[DIRECTIONS];
+  for (int d = 0; d < DIRECTIONS; d++)
+    reach[d] = -FLT_MAX;
+  for (uint32_t i = 0; i < count; i++) {
+    uint32_t ends[2];
+    other_ends(unit, corners[i], &ends[0], &ends[1], edge_ends);
+    for (int k = 0; k < 2; k++) {
+      float u[3];
+      double squared;
+      if (!direction(unit, v, ends[k], u, &squared))
+        continue;
+      hood->longest_squared = fmax(hood->longest_squared, squared);
+      for (int d = 0; d < DIRECTIONS; d++) {
+        int cell = d < 13 ? d : d + 1;
+        float along[3] = {(float)(cell % 3 - 1), (float)(cell / 3 % 3 - 1), (float)(cell / 9 - 1)};
+        float r = dot(u, along);
+        if (r > reach[d]) {
+          reach[d] = r;
+          for (int axis = 0; axis < 3; axis++)
+            hood->unit[d][axis] = u[axis];
+        }
+      }
+    }
+  }
+  hood->count = reach[0] > -FLT_MAX ? DIRECTIONS : 0;
+}
+
+static void grade_range(void *context, size_t begin, size_t end, size_t chunk) {
+  (void)chunk;
+  const struct grading *grading = context;
+  struct cluster_unit *unit = grading->unit;
+  const uint32_t *edge_ends = grading->corners + grading->begin[unit->count]; /* stored behind the corners */
+  for (size_t v = begin; v < end; v++) {
+    const uint32_t *corners = grading->corners + grading->begin[v];
+    uint32_t count = grading->begin[v + 1] - grading->begin[v];
+    struct neighbourhood hood;
+    hood.count = 0;
+    hood.longest_squared = 0;
+    if (count <= ALL_PAIRS / 2)
+      add_few(unit, (uint32_t)v, corners, count, &hood, edge_ends);
+    else
+      add_many(unit, (uint32_t)v, corners, count, &hood, edge_ends);
+    float least = 1;
+    for (uint32_t i = 0; i < hood.count; i++)
+      for (uint32_t j = 0; j < i; j++) {
+        float cosine = dot(hood.unit[i], hood.unit[j]);
+        least = cosine < least ? cosine : least;
+      }
+    double factor = angle_factor((double)least, grading->settings->grading);
+    double length = sqrt(hood.longest_squared);
+    unit->weight[v] = (float)(grading->settings->combination == LOD_CLUSTER_PRODUCT ? factor * length : factor);
+    /* For the sum the length is put aside in rank, which is not filled yet, until the longest of all is known. */
+    if (grading->settings->combination == LOD_CLUSTER_SUM) {
+      union {
+        float f;
+        uint32_t u;
+      } bits = {.f = (float)length};
+      unit->rank[v] = bits.u;
+    }
+  }
+}
+
+static void combine_sum(struct cluster_unit *unit, double share) {
+  float longest = 0;
+  for (int pass = 0; pass < 2; pass++)
+    for (uint32_t v = 0; v < unit->count; v++) {
+      union {
+        uint32_t u;
+        float f;
+      } length = {.u = unit->rank[v]};
+      if (pass == 0)
+        longest = length.f > longest ? length.f : longest;
+      else
+        unit->weight[v] = (float)(share * (double)unit->weight[v] + (longest > 0 ? (1 - share) * (double)length.f / (double)longest : 0));
+    }
+}
+
+void cluster_grade(struct cluster_unit *unit, const struct lod_cluster_settings *settings, const uint32_t *begin, const uint32_t *corners) {
+  struct grading grading = {unit, settings, begin, corners};
+  lod_parallel_for(settings->threads, unit->count, CLUSTER_GRAIN / 4, grade_range, &grading);
+  if (settings->combination == LOD_CLUSTER_SUM)
+    combine_sum(unit, settings->angle_share);
+}
