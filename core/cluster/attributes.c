@@ -73,8 +73,9 @@ static uint32_t plane_code(const struct lod_mesh *mesh, const uint32_t triangle[
   return (x << 20 | y << 10 | z) + 1;
 }
 
-static enum lod_status make_wedges(const struct cluster_unit *unit, const struct cluster_cells *cells, const struct cluster_synthesis *synthesis,
-                                   struct lod_arena *arena, struct lod_arena *scratch, struct lod_mesh *mesh, struct wedge_table *table) {
+static enum lod_status make_wedges(const struct cluster_unit *unit, const struct cluster_cells *cells,
+                                   const struct cluster_synthesis *synthesis, struct lod_arena *arena, struct lod_arena *scratch,
+                                   struct lod_mesh *mesh, struct wedge_table *table) {
   const struct lod_mesh *source = unit->mesh;
   uint64_t most = 3 * (uint64_t)mesh->triangle_count;
   uint32_t size = cluster_power_of_two(most + most / 2);
@@ -133,8 +134,8 @@ static enum lod_status copy_attributes(const struct cluster_unit *unit, const st
 }
 
 /* *out = tag of each primitive by where it came from; `sources` are arrays of the source's triangles, edges and points, in that order. */
-static enum lod_status copy_tags(const struct lod_mesh *source, uint32_t *const sources[3], uint32_t none, const uint32_t *from, uint32_t count,
-                                 struct lod_arena *arena, uint32_t **out) {
+static enum lod_status copy_tags(const struct lod_mesh *source, uint32_t *const sources[3], uint32_t none, const uint32_t *from,
+                                 uint32_t count, struct lod_arena *arena, uint32_t **out) {
   *out = NULL;
   if (sources[0] == NULL && sources[1] == NULL && sources[2] == NULL)
     return LOD_OK;
@@ -150,8 +151,8 @@ static enum lod_status copy_tags(const struct lod_mesh *source, uint32_t *const 
   return LOD_OK;
 }
 
-enum lod_status cluster_attribute(const struct cluster_unit *unit, const struct cluster_cells *cells, const struct cluster_synthesis *synthesis,
-                                  struct lod_arena *arena, struct lod_mesh *mesh) {
+enum lod_status cluster_attribute(const struct cluster_unit *unit, const struct cluster_cells *cells,
+                                  const struct cluster_synthesis *synthesis, struct lod_arena *arena, struct lod_mesh *mesh) {
   const struct lod_mesh *source = unit->mesh;
   uint32_t *const materials[3] = {source->materials, source->edge_materials, source->point_materials};
   uint32_t *const parts[3] = {source->parts, source->edge_parts, source->point_parts};

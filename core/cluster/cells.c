@@ -14,10 +14,10 @@
 #include "core/cluster/internal.h"
 
 enum {
-  CROWD_CUBE = 8,                 /* centres a grid cell at most: two half cells an axis, one centre in each */
-  CROWD_SPHERE = 64,              /* four an axis: their diagonal is below the radius */
+  CROWD_CUBE = 8,    /* centres a grid cell at most: two half cells an axis, one centre in each */
+  CROWD_SPHERE = 64, /* four an axis: their diagonal is below the radius */
   CANDIDATES = 8 * CROWD_SPHERE,
-  BLOCK_GRID_CELLS = 64,          /* a block that spans more is searched vertex by vertex */
+  BLOCK_GRID_CELLS = 64, /* a block that spans more is searched vertex by vertex */
 };
 
 struct slot {
@@ -196,8 +196,8 @@ static enum lod_status open_cells(struct search *search, uint8_t *birth, uint8_t
   return LOD_OK;
 }
 
-enum lod_status cluster_open(const struct cluster_unit *unit, const struct lod_cluster_settings *settings, double cell, const uint32_t *keys,
-                             uint8_t *birth, uint8_t level, struct lod_arena *arena, uint32_t *count) {
+enum lod_status cluster_open(const struct cluster_unit *unit, const struct lod_cluster_settings *settings, double cell,
+                             const uint32_t *keys, uint8_t *birth, uint8_t level, struct lod_arena *arena, uint32_t *count) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   if (scratch == NULL)
     return LOD_MEMORY;
@@ -245,8 +245,8 @@ static bool gather(const struct search *search, const float box[6], uint32_t key
           const struct centre *centre = &grid->centres[c];
           bool reaches = centre->key == key;
           for (int axis = 0; axis < 3; axis++)
-            reaches = reaches && (double)centre->p[axis] + half >= (double)box[axis] &&
-                      (double)centre->p[axis] - half <= (double)box[3 + axis];
+            reaches =
+                reaches && (double)centre->p[axis] + half >= (double)box[axis] && (double)centre->p[axis] - half <= (double)box[3 + axis];
           if (!reaches)
             continue;
           if (found == CANDIDATES)
@@ -284,9 +284,10 @@ static uint32_t prune(const struct search *search, const float box[6], struct ca
 }
 
 /* For 16 vertices from `first` on: best cell by the rule, with the squared distance. */
-static inline __attribute__((always_inline)) void choose(const struct cluster_unit *unit, uint32_t first, const struct candidate *candidates,
-                                                         uint32_t count, float half, bool sphere, enum lod_cluster_assignment rule,
-                                                         float best[CLUSTER_BLOCK], uint32_t cell[CLUSTER_BLOCK]) {
+static inline __attribute__((always_inline)) void choose(const struct cluster_unit *unit, uint32_t first,
+                                                         const struct candidate *candidates, uint32_t count, float half, bool sphere,
+                                                         enum lod_cluster_assignment rule, float best[CLUSTER_BLOCK],
+                                                         uint32_t cell[CLUSTER_BLOCK]) {
   const float *x = unit->x + first, *y = unit->y + first, *z = unit->z + first;
   const uint32_t *rank = unit->rank + first;
   for (int j = 0; j < CLUSTER_BLOCK; j++) {

@@ -77,12 +77,13 @@ struct lod_cluster;
 
 /* Grades, sorts and indexes. `units` (not owned) must outlive the result, which lives in `arena`. settings NULL = defaults; `cells` is not
  * copied. LOD_BAD_INPUT for settings out of range, LOD_LIMIT for a unit over 2^29 triangles or vertices, LOD_MEMORY, LOD_CANCELLED. */
-LOD_WARN_UNUSED enum lod_status lod_cluster_create(const struct lod_unit *units, uint32_t unit_count, const struct lod_cluster_settings *settings,
-                                                   const struct lod_progress *progress, struct lod_arena *arena, struct lod_cluster **cluster,
-                                                   struct lod_problem *problem);
+LOD_WARN_UNUSED enum lod_status lod_cluster_create(const struct lod_unit *units, uint32_t unit_count,
+                                                   const struct lod_cluster_settings *settings, const struct lod_progress *progress,
+                                                   struct lod_arena *arena, struct lod_cluster **cluster, struct lod_problem *problem);
 
 /* One level at one cell width (model units, > 0; raised to 2^-20 of a unit's diagonal where it is less), independent of other levels, so
- * without parents. Everything in `level` belongs to `arena`. Any number of threads may build levels of one cluster, each in its own arena. */
+ * without parents. Everything in `level` belongs to `arena`. Any number of threads may build levels of one cluster, each in its own arena.
+ */
 LOD_WARN_UNUSED enum lod_status lod_cluster_level(const struct lod_cluster *cluster, double cell, struct lod_arena *arena,
                                                   struct lod_level *level, struct lod_problem *problem);
 
@@ -92,7 +93,8 @@ LOD_WARN_UNUSED enum lod_status lod_cluster_ladder(const struct lod_cluster *clu
                                                    struct lod_problem *problem);
 
 /* Grades of a unit's vertices, by source index; 0 for a vertex that nothing uses. In `arena`. */
-LOD_WARN_UNUSED enum lod_status lod_cluster_weights(const struct lod_cluster *cluster, uint32_t unit, struct lod_arena *arena, float **weights);
+LOD_WARN_UNUSED enum lod_status lod_cluster_weights(const struct lod_cluster *cluster, uint32_t unit, struct lod_arena *arena,
+                                                    float **weights);
 
 /* Normal of a thick edge from v1 to v2 for a camera at c, unit length: in the plane of edge and camera, perpendicular to the edge, turned
  * towards the camera: ((v1 - c) x (v2 - c)) x (v2 - v1) (3.3.2; brackets and sign are ours). Zero when camera and edge are in line. Its

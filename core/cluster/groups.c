@@ -178,7 +178,8 @@ static enum lod_status group_triangles(struct cluster_unit *unit, uint32_t *grou
   return LOD_OK;
 }
 
-static enum lod_status measure_groups(struct cluster_unit *unit, const uint32_t *group, struct lod_arena *arena, struct lod_arena *scratch) {
+static enum lod_status measure_groups(struct cluster_unit *unit, const uint32_t *group, struct lod_arena *arena,
+                                      struct lod_arena *scratch) {
   const struct lod_mesh *mesh = unit->mesh;
   uint32_t count = unit->groups.group_count;
   float(*box)[6] = lod_arena_alloc(scratch, count, sizeof *box);
@@ -211,7 +212,8 @@ static enum lod_status collect_sets(struct cluster_unit *unit, const uint32_t *g
   const struct lod_mesh *mesh = unit->mesh;
   uint32_t *begin = LOD_NEW_ZERO(scratch, (size_t)mesh->vertex_count + 1, uint32_t);
   uint64_t *incident = LOD_NEW(scratch, 3 * (size_t)mesh->triangle_count, uint64_t);
-  struct set_store store = {LOD_NEW(arena, (size_t)mesh->vertex_count + 1, uint32_t), LOD_NEW(arena, 3 * (size_t)mesh->triangle_count, uint32_t)};
+  struct set_store store = {LOD_NEW(arena, (size_t)mesh->vertex_count + 1, uint32_t),
+                            LOD_NEW(arena, 3 * (size_t)mesh->triangle_count, uint32_t)};
   unit->groups.vertex_set = LOD_NEW(arena, mesh->vertex_count, uint32_t);
   struct intern intern;
   LOD_TRY(intern_create(&intern, mesh->vertex_count, scratch));

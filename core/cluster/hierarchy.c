@@ -64,6 +64,26 @@ static double guess_cell(const struct lod_cluster *cluster, double target) {
   return cell > 0 ? fmin(cell, 2 * diagonal) : 1;
 }
 
+/* Opens a level of about `target` cells: tries widths from `cell` on, by the power law of the exponent and between the widths that are
+ * known to give too many and too few. A lattice may have no such width; then the last one tried stays. */
+static enum lod_status open_near(struct ladder *ladder, uint32_t level, double target, double cell, double exponent) {
+  double low = 0, high = level > 0 ? ladder->cells[level - 1] : INFINITY;
+  for (int try = 0;; try++) {
+    LOD_TRY(open_level(ladder, level, cell));
+    double count = (double)ladder->centres[level];
+    if ((count <= target * kMiss && count >= target / kMiss) || try == TRIES - 1)
+      return LOD_OK;
+    if (count > target)
+      low = fmax(low, cell);
+    else
+      high = fmin(high, cell);
+    double next = cell * pow(count / target, 1 / exponent);
+    if (!(next > low * 1.001 && next < high / 1.001))
+      next = isinf(high) ? cell * 2 : low > 0 ? sqrt(low * high) : high * sqrt(ladder->cluster->settings.ratio);
+    cell = next;
+  }
+}
+
 /* Widths by counts: from about min_triangles up to `ratio` of the source, in vertices (half as many as triangles on a closed surface;
  * vertices fall steadily with the cell whatever the model is made of). */
 static enum lod_status climb(struct ladder *ladder) {
@@ -78,35 +98,21 @@ static enum lod_status climb(struct ladder *ladder) {
     return LOD_OK;
   uint32_t levels = steps + 1 < CLUSTER_MAX_LEVELS ? (uint32_t)steps + 1 : CLUSTER_MAX_LEVELS;
   double target = most * pow(settings->ratio, levels - 1), cell = guess_cell(ladder->cluster, target), exponent = 2;
-  for (uint32_t level = 0; level < levels; level++, target /= settings->ratio) {
-    double low = 0, high = level > 0 ? ladder->cells[level - 1] : INFINITY; /* widths known to give too many, too few */
-    for (int try = 0; try < TRIES; try++) {
-      LOD_TRY(open_level(ladder, level, cell));
-      double count = (double)ladder->centres[level];
-      if (count <= target * kMiss && count >= target / kMiss)
-        break;
-      if (try == TRIES - 1)
-        break;
-      if (count > target)
-        low = fmax(low, cell);
-      else
-        high = fmin(high, cell);
-      double next = cell * pow(count / target, 1 / exponent);
-      if (!(next > low * 1.001 && next < high / 1.001))
-        next = isinf(high) ? cell * 2 : low > 0 ? sqrt(low * high) : high * sqrt(settings->ratio);
-      cell = next;
-    }
-    bool finer = level == 0 || (ladder->cells[level] < ladder->cells[level - 1] && ladder->centres[level] > ladder->centres[level - 1]);
-    if (!finer || (double)ladder->centres[level] > 0.95 * (double)ladder->cluster->vertex_count)
+  for (uint32_t step = 0; step < levels; step++, target /= settings->ratio) {
+    uint32_t level = ladder->count;
+    LOD_TRY(open_near(ladder, level, target, cell, exponent));
+    double count = (double)ladder->centres[level];
+    if (count > 0.95 * (double)ladder->cluster->vertex_count)
       break; /* births of this level stay, but no level that is emitted looks at them */
-    ladder->count = level + 1;
-    if (level > 0) {
-      exponent = log((double)ladder->centres[level] / (double)ladder->centres[level - 1]) / log(ladder->cells[level - 1] / ladder->cells[level]);
-      exponent = exponent < 1 ? 1 : exponent < 3 ? exponent : 3;
+    if (level == 0 || (ladder->cells[level] < ladder->cells[level - 1] && ladder->centres[level] > ladder->centres[level - 1])) {
+      if (level > 0) {
+        exponent = log(count / (double)ladder->centres[level - 1]) / log(ladder->cells[level - 1] / ladder->cells[level]);
+        exponent = exponent < 1 ? 1 : exponent < 3 ? exponent : 3;
+      }
+      ladder->count++;
     }
-    cell = ladder->cells[level] * pow((double)ladder->centres[level] / (target / settings->ratio), 1 / exponent);
-    cell = fmin(cell, ladder->cells[level] * 0.95);
-    lod_progress_report(ladder->progress, "cells", 0.3 * (level + 1) / levels);
+    cell = fmin(ladder->cells[level] * pow(count / (target / settings->ratio), 1 / exponent), ladder->cells[level] * 0.95);
+    lod_progress_report(ladder->progress, "cells", 0.3 * (step + 1) / levels);
   }
   return LOD_OK;
 }
@@ -174,7 +180,8 @@ static enum lod_status emit_nested(struct ladder *ladder, lod_level_sink *sink, 
     struct lod_level level;
     if (emission.arena != NULL)
       emission.cells = LOD_NEW(emission.arena, ladder->cluster->unit_count, struct cluster_cells);
-    status = emission.cells != NULL ? make_level(ladder, ladder->count - 1 - i, &finer, emission.arena, emission.cells, &level) : LOD_MEMORY;
+    status =
+        emission.cells != NULL ? make_level(ladder, ladder->count - 1 - i, &finer, emission.arena, emission.cells, &level) : LOD_MEMORY;
     lod_arena_destroy(finer.arena);
     finer = emission;
     if (status == LOD_OK && lod_progress_cancelled(ladder->progress))
@@ -242,7 +249,8 @@ static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, 
 
 const struct lod_family lod_cluster_family = {
     .name = "cluster",
-    .sentence = "Floating-cell vertex clustering (Low and Tan 1997): any polygon soup, across parts, with thick edges for what becomes thin.",
+    .sentence =
+        "Floating-cell vertex clustering (Low and Tan 1997): any polygon soup, across parts, with thick edges for what becomes thin.",
     .nested = true,
     .build = build,
 };

@@ -18,9 +18,11 @@ struct lod_cluster_settings lod_cluster_defaults(void) {
 }
 
 static enum lod_status check_settings(const struct lod_cluster_settings *s, struct lod_problem *problem) {
-  if ((unsigned)s->grading > LOD_CLUSTER_INVERSE_ANGLE || (unsigned)s->combination > LOD_CLUSTER_SUM || (unsigned)s->shape > LOD_CLUSTER_SPHERE ||
-      (unsigned)s->assignment > LOD_CLUSTER_UNIFORM || (unsigned)s->representative > LOD_CLUSTER_QUADRIC)
-    return lod_fail(problem, LOD_BAD_INPUT, "cluster-settings", "cluster: unknown grading, combination, shape, assignment or representative");
+  if ((unsigned)s->grading > LOD_CLUSTER_INVERSE_ANGLE || (unsigned)s->combination > LOD_CLUSTER_SUM ||
+      (unsigned)s->shape > LOD_CLUSTER_SPHERE || (unsigned)s->assignment > LOD_CLUSTER_UNIFORM ||
+      (unsigned)s->representative > LOD_CLUSTER_QUADRIC)
+    return lod_fail(problem, LOD_BAD_INPUT, "cluster-settings",
+                    "cluster: unknown grading, combination, shape, assignment or representative");
   if (!(s->angle_share >= 0 && s->angle_share <= 1))
     return lod_fail(problem, LOD_BAD_INPUT, "cluster-settings", "cluster: angle_share is %g, expected a number in [0, 1]", s->angle_share);
   if (!(s->ratio >= 0.05 && s->ratio <= 0.9))
@@ -36,7 +38,8 @@ static enum lod_status check_settings(const struct lod_cluster_settings *s, stru
   for (uint32_t i = 0; s->cells != NULL && i < s->cell_count; i++)
     if (!(s->cells[i] > 0 && isfinite(s->cells[i])) || (i > 0 && s->cells[i] <= s->cells[i - 1]))
       return lod_fail(problem, LOD_BAD_INPUT, "cluster-settings",
-                      "cluster: cell width number %u is %g, expected finite widths above 0, each larger than the one before", i, s->cells[i]);
+                      "cluster: cell width number %u is %g, expected finite widths above 0, each larger than the one before", i,
+                      s->cells[i]);
   return LOD_OK;
 }
 
@@ -78,8 +81,9 @@ static void scatter_images(const struct cluster_unit *unit, const struct cluster
     images[unit->source[v]] = cells->image[v];
 }
 
-enum lod_status cluster_make_mesh(const struct cluster_unit *unit, const struct lod_cluster_settings *settings, const struct cluster_cells *cells,
-                                  struct lod_arena *arena, struct lod_mesh *mesh, uint32_t **images, uint32_t **nearby, double *bound) {
+enum lod_status cluster_make_mesh(const struct cluster_unit *unit, const struct lod_cluster_settings *settings,
+                                  const struct cluster_cells *cells, struct lod_arena *arena, struct lod_mesh *mesh, uint32_t **images,
+                                  uint32_t **nearby, double *bound) {
   struct cluster_synthesis synthesis;
   LOD_TRY(cluster_synthesize(unit, cells, arena, &synthesis));
   *mesh = (struct lod_mesh){.vertex_count = cells->count,
@@ -101,7 +105,8 @@ enum lod_status cluster_make_mesh(const struct cluster_unit *unit, const struct 
 }
 
 static enum lod_status make_unit_level(const struct cluster_unit *unit, const struct lod_cluster_settings *settings, double cell,
-                                       struct lod_arena *arena, struct lod_mesh *mesh, uint32_t **images, uint32_t **nearby, double *bound) {
+                                       struct lod_arena *arena, struct lod_mesh *mesh, uint32_t **images, uint32_t **nearby,
+                                       double *bound) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   uint8_t *birth = scratch != NULL ? LOD_NEW(scratch, unit->count, uint8_t) : NULL;
   enum lod_status status = birth != NULL ? LOD_OK : LOD_MEMORY;
@@ -135,8 +140,8 @@ enum lod_status lod_cluster_level(const struct lod_cluster *cluster, double cell
   for (uint32_t u = 0; u < cluster->unit_count; u++) {
     const struct cluster_unit *unit = &cluster->units[u];
     double bound;
-    enum lod_status status = make_unit_level(unit, &cluster->settings, cluster_working_cell(unit, cell), arena, &level->meshes[u], &images[u],
-                                             &nearby[u], &bound);
+    enum lod_status status = make_unit_level(unit, &cluster->settings, cluster_working_cell(unit, cell), arena, &level->meshes[u],
+                                             &images[u], &nearby[u], &bound);
     if (status != LOD_OK)
       return status == LOD_MEMORY ? lod_fail_memory(problem) : status;
     level->bound = fmax(level->bound, bound * unit->scale);

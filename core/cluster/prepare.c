@@ -86,7 +86,8 @@ static uint32_t spread(uint32_t v) {
 }
 
 /* Working order: by key, then along the Morton curve of a grid of 1024^3 cubes, then by source index. source holds the used vertices. */
-static void sort_along_curve(struct cluster_unit *unit, const double box[6], uint64_t *keys, uint64_t *keys_scratch, uint32_t *values_scratch) {
+static void sort_along_curve(struct cluster_unit *unit, const double box[6], uint64_t *keys, uint64_t *keys_scratch,
+                             uint32_t *values_scratch) {
   double extent = 0;
   for (int axis = 0; axis < 3; axis++)
     extent = fmax(extent, box[3 + axis] - box[axis]);
@@ -205,7 +206,8 @@ static void list_corners(struct cluster_unit *unit, const uint32_t *place, const
 }
 
 /* Heaviest first; equal weights in source order, so that neither the box nor the curve has a say. */
-static void sort_by_weight(struct cluster_unit *unit, const uint32_t *place, uint64_t *keys, uint64_t *keys_scratch, uint32_t *values_scratch) {
+static void sort_by_weight(struct cluster_unit *unit, const uint32_t *place, uint64_t *keys, uint64_t *keys_scratch,
+                           uint32_t *values_scratch) {
   uint32_t count = 0;
   for (uint32_t s = 0; s < unit->mesh->vertex_count; s++)
     if (place[s] != LOD_NONE) {
@@ -221,7 +223,8 @@ static void sort_by_weight(struct cluster_unit *unit, const uint32_t *place, uin
     unit->rank[unit->order[i]] = i;
 }
 
-static enum lod_status prepare(struct cluster_unit *unit, const struct lod_cluster_settings *settings, struct lod_arena *arena, struct lod_arena *scratch) {
+static enum lod_status prepare(struct cluster_unit *unit, const struct lod_cluster_settings *settings, struct lod_arena *arena,
+                               struct lod_arena *scratch) {
   const struct lod_mesh *mesh = unit->mesh;
   uint32_t *uses = LOD_NEW_ZERO(scratch, mesh->vertex_count, uint32_t);
   uint8_t *pointed = LOD_NEW_ZERO(scratch, mesh->point_count != 0 ? mesh->vertex_count : 0, uint8_t);

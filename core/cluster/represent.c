@@ -55,7 +55,8 @@ static void add_planes(const struct cluster_unit *unit, const struct cluster_cel
   for (uint32_t t = 0; t < unit->mesh->triangle_count; t++) {
     const uint32_t *v = unit->triangles[t];
     struct lod_vec3 p = working_position(unit, v[0]);
-    struct lod_vec3 n = lod_vec3_cross(lod_vec3_subtract(working_position(unit, v[1]), p), lod_vec3_subtract(working_position(unit, v[2]), p));
+    struct lod_vec3 n =
+        lod_vec3_cross(lod_vec3_subtract(working_position(unit, v[1]), p), lod_vec3_subtract(working_position(unit, v[2]), p));
     double area = lod_vec3_length(n);
     if (!(area > 0))
       continue;
@@ -175,8 +176,8 @@ static double farthest_move(const struct cluster_unit *unit, const struct cluste
   return sqrt(most) * (1 + 0x1p-50);
 }
 
-enum lod_status cluster_represent(const struct cluster_unit *unit, const struct lod_cluster_settings *settings, const struct cluster_cells *cells,
-                                  struct lod_arena *arena, float (**positions)[3], double *bound) {
+enum lod_status cluster_represent(const struct cluster_unit *unit, const struct lod_cluster_settings *settings,
+                                  const struct cluster_cells *cells, struct lod_arena *arena, float (**positions)[3], double *bound) {
   *positions = lod_arena_alloc(arena, cells->count, sizeof **positions);
   if (*positions == NULL)
     return LOD_MEMORY;

@@ -34,7 +34,7 @@ struct work {
   uint32_t triangle_mask, pair_mask, pair_count, pair_room, fold_count, fold_room;
   uint32_t *triangle_slots, *pair_slots;
   struct pair *pairs;
-  uint32_t (*folds)[2];  /* triangles of equal cells and opposite orientation */
+  uint32_t (*folds)[2];      /* triangles of equal cells and opposite orientation */
   uint32_t *fan_begin, *fan; /* cell -> its triangles, CSR */
   uint32_t *cell_source;     /* cell -> first source primitive that collapsed into it */
 };

@@ -71,7 +71,8 @@ static enum lod_status list_collapsed(const struct thickness *in, struct lod_are
 }
 
 /* D_A + D_B. side: room for three vertices a triangle on either side; seen[v] = the last edge + 1 that counted v. */
-static double edge_thickness(const struct thickness *in, uint32_t edge, const uint32_t *list, uint32_t count, uint32_t *side[2], uint32_t *seen) {
+static double edge_thickness(const struct thickness *in, uint32_t edge, const uint32_t *list, uint32_t count, uint32_t *side[2],
+                             uint32_t *seen) {
   uint32_t size[2] = {0, 0};
   const uint32_t *cells = in->synthesis->edges[edge];
   for (uint32_t i = 0; i < count; i++)
@@ -144,8 +145,9 @@ static enum lod_status thicken_points(const struct thickness *in, struct lod_are
   return LOD_OK;
 }
 
-enum lod_status cluster_thicken(const struct cluster_unit *unit, const struct cluster_cells *cells, const struct cluster_synthesis *synthesis,
-                                struct lod_arena *arena, float **edge_thickness_out, float **point_thickness_out) {
+enum lod_status cluster_thicken(const struct cluster_unit *unit, const struct cluster_cells *cells,
+                                const struct cluster_synthesis *synthesis, struct lod_arena *arena, float **edge_thickness_out,
+                                float **point_thickness_out) {
   struct thickness in = {unit, cells, synthesis};
   *edge_thickness_out = LOD_NEW(arena, synthesis->edge_count, float);
   *point_thickness_out = LOD_NEW(arena, synthesis->point_count, float);

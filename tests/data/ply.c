@@ -11,7 +11,8 @@ struct header {
 };
 
 static uint32_t size_of(const char *type) {
-  static const char *const kNames[] = {"char", "uchar", "short", "ushort", "int", "uint", "float", "double", "int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"};
+  static const char *const kNames[] = {"char", "uchar", "short", "ushort", "int",   "uint",   "float",   "double",
+                                       "int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"};
   static const uint32_t kSizes[] = {1, 1, 2, 2, 4, 4, 4, 8, 1, 1, 2, 2, 4, 4, 4, 8};
   for (size_t i = 0; i < sizeof kSizes / sizeof *kSizes; i++)
     if (strcmp(type, kNames[i]) == 0)

@@ -89,7 +89,8 @@ static void check_images(const struct expected *expected, const struct lod_level
 static void check_primitives(const struct expected *expected, const struct lod_level *level) {
   const struct lod_mesh *source = expected->source, *mesh = &level->meshes[0];
   size_t count = (size_t)mesh->triangle_count + mesh->edge_count + mesh->point_count;
-  struct id *ids = LOD_NEW(expected->arena, count, struct id), *sides = LOD_NEW(expected->arena, 3 * (size_t)mesh->triangle_count, struct id);
+  struct id *ids = LOD_NEW(expected->arena, count, struct id),
+            *sides = LOD_NEW(expected->arena, 3 * (size_t)mesh->triangle_count, struct id);
   struct id *from = LOD_NEW(expected->arena, source->triangle_count, struct id);
   for (uint32_t t = 0; t < source->triangle_count; t++) {
     const uint32_t *v = source->triangles[t], *images = level->images[0];
