@@ -1,4 +1,5 @@
-/* Pixels and model units, and the choice of a level. Pure functions on plain facts: the daemon links this and nothing else of core's geometry. */
+/* Pixels and model units, and the choice of a level. Pure functions on plain facts: the daemon links this and nothing else of core's
+ * geometry. */
 #ifndef LOD_CORE_LEVEL_SCREEN_H
 #define LOD_CORE_LEVEL_SCREEN_H
 
@@ -20,8 +21,8 @@ double lod_screen_error_units(double px, const struct lod_view *view);
 
 /* What choosing needs to know of a level. */
 struct lod_level_facts {
-  double error;     /* certified, model units */
-  double cell;      /* width of the clustering cell, model units; 0 where the family has none */
+  double error; /* certified, model units */
+  double cell;  /* width of the clustering cell, model units; 0 where the family has none */
   uint64_t bytes;
   uint64_t triangles;
 };
@@ -30,7 +31,8 @@ enum lod_rule {
   LOD_RULE_ERROR,     /* fewest bytes with error <= limit; none fits: least error */
   LOD_RULE_BYTES,     /* least error with bytes <= limit; none fits: fewest bytes */
   LOD_RULE_TRIANGLES, /* least error with triangles <= limit; none fits: fewest triangles */
-  LOD_RULE_CELL,      /* Low & Tan: the largest cell not over limit (= X * R); none fits: least error. Levels without a cell do not take part unless none has one */
+  LOD_RULE_CELL, /* Low & Tan: the largest cell not over limit (= X * R); none fits: least error. Levels without a cell do not take part
+                    unless none has one */
 };
 
 /* Index of the chosen level of count >= 1 levels in any order. Ties: fewer bytes, then less error, then the earlier one.

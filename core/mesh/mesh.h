@@ -32,9 +32,9 @@ struct lod_mesh {
   uint32_t (*corners)[3];   /* triangle_count; wedge indices; NULL when wedge_count is 0 */
   uint32_t *wedge_vertex;   /* wedge_count; the vertex that a wedge belongs to; NULL when wedge_count is 0 */
 
-  float (*normals)[3];             /* wedge_count, unit length; or NULL */
-  float (*uvs[LOD_UV_SETS])[2];    /* wedge_count; or NULL each */
-  float (*colors)[4];              /* wedge_count, linear RGBA in [0, 1]; or NULL */
+  float (*normals)[3];          /* wedge_count, unit length; or NULL */
+  float (*uvs[LOD_UV_SETS])[2]; /* wedge_count; or NULL each */
+  float (*colors)[4];           /* wedge_count, linear RGBA in [0, 1]; or NULL */
 
   uint32_t *materials; /* triangle_count; index into lod_model.materials, LOD_NONE = default material; or NULL = all default */
   uint32_t *parts;     /* triangle_count; index into lod_model.parts; or NULL = all belong to one part */

@@ -32,8 +32,8 @@ struct lod_material {
 struct lod_part {
   const char *name;
   uint32_t unit;
-  uint32_t instance_count;    /* at least 1 */
-  double (*instances)[16];    /* column-major 4x4, as glTF: part to model space */
+  uint32_t instance_count; /* at least 1 */
+  double (*instances)[16]; /* column-major 4x4, as glTF: part to model space */
   bool has_normals, has_colors;
   bool has_uv[LOD_UV_SETS];
 };

@@ -5,10 +5,12 @@
 #include "core/mesh/mesh.h"
 
 /* All abort when memory is out: tests only. */
-struct lod_mesh lod_shape_cube(struct lod_arena *arena, double side);                                      /* 8 vertices, 12 triangles, centred */
-struct lod_mesh lod_shape_sphere(struct lod_arena *arena, double radius, int subdivisions);               /* icosahedron * 4^n triangles */
-struct lod_mesh lod_shape_torus(struct lod_arena *arena, double major, double minor, int around, int tube); /* 2 * around * tube triangles */
-struct lod_mesh lod_shape_grid(struct lod_arena *arena, double side, int cells, double bump);             /* open square in z = bump * sin sin, 2 * cells^2 triangles, UV 0 set */
+struct lod_mesh lod_shape_cube(struct lod_arena *arena, double side);                       /* 8 vertices, 12 triangles, centred */
+struct lod_mesh lod_shape_sphere(struct lod_arena *arena, double radius, int subdivisions); /* icosahedron * 4^n triangles */
+struct lod_mesh lod_shape_torus(struct lod_arena *arena, double major, double minor, int around,
+                                int tube); /* 2 * around * tube triangles */
+struct lod_mesh lod_shape_grid(struct lod_arena *arena, double side, int cells,
+                               double bump); /* open square in z = bump * sin sin, 2 * cells^2 triangles, UV 0 set */
 struct lod_mesh lod_shape_tube(struct lod_arena *arena, double radius, double length, int around, int along); /* closed cylinder along z */
 /* A leafless tree of closed tubes (many components), standing at z = 0; with_pot adds a wide closed pot below it. */
 struct lod_mesh lod_shape_tree(struct lod_arena *arena, int generations, bool with_pot);
