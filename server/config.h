@@ -1,0 +1,36 @@
+/* Settings of the daemon: defaults, then a file of `key = value` lines, then flags of the same names. Every setting is declared once, in
+ * config.c, with its kind, default, limits and sentence; --help prints that table. */
+#ifndef LOD_SERVER_CONFIG_H
+#define LOD_SERVER_CONFIG_H
+
+#include <stdint.h>
+#include <stdio.h>
+
+#include "core/base/status.h"
+
+struct lod_config {
+  char *store, *listen, *models, *token_file, *tls_cert, *tls_key, *viewer, *worker, *log, *log_level, *cors; /* "" = not set */
+  uint64_t loops, connections, header_seconds, idle_seconds, rate_seconds, rate_bytes, drain_seconds, cached_objects;
+  uint64_t upload_bytes, bakes, bake_threads, bake_queue, bake_seconds, bake_memory;
+  uint64_t limit_vertices, limit_triangles, limit_instances, limit_depth, limit_texture_pixels,
+      limit_texture_bytes; /* 0 = the worker's default */
+};
+
+enum lod_config_action { LOD_CONFIG_RUN, LOD_CONFIG_HELP, LOD_CONFIG_VERSION };
+
+/* Reads the command line, and the file that --config names. program: path of this program, where the viewer and the worker are looked for.
+ * LOD_BAD_INPUT names the flag or the line. `config` is to be finished in any case. */
+LOD_WARN_UNUSED enum lod_status lod_config_read(int argc, char *const *argv, const char *program, struct lod_config *config,
+                                                enum lod_config_action *action, struct lod_problem *problem);
+void lod_config_finish(struct lod_config *config);
+
+/* One `key = value` of a file; name: for messages. Exposed for tests. */
+LOD_WARN_UNUSED enum lod_status lod_config_read_text(const char *name, const char *text, struct lod_config *config,
+                                                     struct lod_problem *problem);
+
+void lod_config_help(FILE *out);
+
+/* Import limits that were set, as the worker takes them: {"vertices":1000}; malloc'd, "{}" when none was. NULL: memory. */
+char *lod_config_limits_json(const struct lod_config *config);
+
+#endif

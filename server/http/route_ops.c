@@ -1,0 +1,87 @@
+/* What operators ask: alive, ready, counted, described. */
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "server/http/routes.h"
+
+static void answer_ok(struct lod_exchange *exchange) {
+  struct lod_reply *reply = &exchange->reply;
+  reply->status = 200;
+  reply->cache = LOD_CACHE_NO_STORE;
+  reply->type = "text/plain; charset=utf-8";
+  reply->body = lod_body_create("ok\n", 3, NULL, NULL);
+}
+
+void lod_answer_healthz(struct lod_exchange *exchange) {
+  answer_ok(exchange);
+}
+
+/* Touches the disk, so it runs in the background. */
+static void check_ready(struct lod_exchange *exchange) {
+  struct lod_problem problem = {0};
+  const char *worker = exchange->service->config->worker;
+  if (!lod_store_ready(exchange->service->store, &problem))
+    lod_reply_problem(&exchange->reply, 503, *problem.type ? problem.type : "not-ready",
+                      *problem.detail ? problem.detail : "The store is not ready.", "");
+  else if (access(worker, X_OK) != 0)
+    lod_reply_problem(&exchange->reply, 503, "no-worker", "The worker program cannot be run; see --worker.", "");
+  else
+    answer_ok(exchange);
+}
+
+void lod_answer_readyz(struct lod_exchange *exchange) {
+  if (atomic_load(&exchange->service->draining))
+    lod_reply_problem(&exchange->reply, 503, "draining", "The server is about to stop.", "");
+  else
+    exchange->work = check_ready;
+}
+
+void lod_answer_metrics(struct lod_exchange *exchange) {
+  struct lod_service *service = exchange->service;
+  struct lod_metrics *metrics = service->metrics;
+  struct lod_jobs_counts jobs = lod_jobs_counts(service->jobs);
+  struct lod_cache_counts objects = lod_cache_counts(service->objects);
+  const struct {
+    enum lod_metric metric;
+    double value;
+  } now[] = {
+      {LOD_METRIC_MODELS, (double)lod_store_model_count(service->store)},
+      {LOD_METRIC_JOBS_QUEUED, (double)jobs.queued},
+      {LOD_METRIC_JOBS_RUNNING, (double)jobs.running},
+      {LOD_METRIC_JOBS_DONE, (double)jobs.done},
+      {LOD_METRIC_JOBS_FAILED, (double)jobs.failed},
+      {LOD_METRIC_JOBS_RETRIED, (double)jobs.retried},
+      {LOD_METRIC_WORKERS_CRASHED, (double)jobs.workers_crashed},
+      {LOD_METRIC_WORKERS_KILLED, (double)jobs.workers_killed},
+      {LOD_METRIC_BAKE_SECONDS, jobs.bake_seconds},
+      {LOD_METRIC_OBJECTS_CACHED, (double)objects.entries},
+      {LOD_METRIC_OBJECT_HITS, (double)objects.hits},
+      {LOD_METRIC_OBJECT_MISSES, (double)objects.misses},
+      {LOD_METRIC_DRAINING, atomic_load(&service->draining) ? 1 : 0},
+  };
+  for (size_t i = 0; i < sizeof now / sizeof *now; i++)
+    lod_metrics_set(metrics, now[i].metric, now[i].value);
+  size_t size = 0;
+  char *text = lod_metrics_text(metrics, &size);
+  struct lod_reply *reply = &exchange->reply;
+  reply->body = lod_body_take(text, size);
+  if (!reply->body) {
+    lod_reply_problem(reply, 500, "memory", "The server is out of memory.", "");
+    return;
+  }
+  reply->status = 200;
+  reply->cache = LOD_CACHE_NO_STORE;
+  reply->type = "text/plain; version=0.0.4; charset=utf-8";
+  reply->compress = true;
+}
+
+void lod_answer_openapi(struct lod_exchange *exchange) {
+  struct lod_reply *reply = &exchange->reply;
+  reply->status = 200;
+  reply->cache = LOD_CACHE_REVALIDATE;
+  reply->type = "application/json";
+  reply->body = lod_body_retain(exchange->service->openapi);
+  lod_etag_of_bytes(reply->body->bytes, reply->body->size, reply->etag);
+  reply->shared = reply->compress = true;
+}

@@ -1,0 +1,165 @@
+/* lodestreamd: store, jobs and HTTP in one process that parses no model. */
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "server/config.h"
+#include "server/http/deadline.h"
+#include "server/http/http.h"
+#include "server/log.h"
+#include "server/models_dir.h"
+
+enum { EXIT_STOPPED = 0, EXIT_CANNOT_START = 1, EXIT_USAGE = 2 };
+
+struct daemon {
+  struct lod_config config;
+  char *limits_json;
+  struct lod_metrics *metrics;
+  struct lod_store *store;
+  struct lod_jobs *jobs;
+  struct lod_service service;
+  struct lod_models_dir *models;
+  pthread_mutex_t http_lock; /* job_changed, on a thread of jobs, must find no server that is being freed */
+  struct lod_http *http;
+};
+
+static void job_changed(void *context, uint64_t job) {
+  struct daemon *daemon = context;
+  (void)job;
+  atomic_fetch_add(&daemon->service.job_changes, 1);
+  pthread_mutex_lock(&daemon->http_lock);
+  if (daemon->http)
+    lod_http_job_changed(daemon->http);
+  pthread_mutex_unlock(&daemon->http_lock);
+}
+
+/* Every connection is a descriptor; Debian's soft limit is 1024. */
+static void raise_descriptor_limit(void) {
+  struct rlimit limit;
+  if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
+    limit.rlim_cur = limit.rlim_max;
+    setrlimit(RLIMIT_NOFILE, &limit);
+  }
+}
+
+static enum lod_status start_jobs(struct daemon *daemon, struct lod_problem *problem) {
+  const struct lod_config *config = &daemon->config;
+  struct lod_jobs_settings settings = lod_jobs_defaults();
+  daemon->limits_json = lod_config_limits_json(config);
+  if (!daemon->limits_json)
+    return lod_fail_memory(problem);
+  settings.store = daemon->store;
+  settings.worker_path = config->worker;
+  settings.workers = (uint32_t)config->bakes;
+  settings.threads = (uint32_t)config->bake_threads;
+  settings.queue_limit = (uint32_t)config->bake_queue;
+  settings.deadline_seconds = (uint32_t)config->bake_seconds;
+  settings.memory_limit_bytes = config->bake_memory;
+  settings.upload_limit_bytes = config->upload_bytes;
+  settings.limits_json = daemon->limits_json;
+  settings.changed = job_changed;
+  settings.context = daemon;
+  return lod_jobs_create(&settings, &daemon->jobs, problem);
+}
+
+static enum lod_status start(struct daemon *daemon, struct lod_problem *problem) {
+  const struct lod_config *config = &daemon->config;
+  uint32_t route_count;
+  const char *const *routes = lod_route_names(&route_count);
+  static const char *cuts[LOD_CUT_COUNT];
+  for (int i = 0; i < LOD_CUT_COUNT; i++)
+    cuts[i] = lod_cut_name((enum lod_cut)i);
+  daemon->metrics = lod_metrics_create(routes, route_count, cuts, LOD_CUT_COUNT);
+  if (!daemon->metrics)
+    return lod_fail_memory(problem);
+  lod_metrics_set(daemon->metrics, LOD_METRIC_START_TIME, (double)time(NULL));
+  LOD_TRY(lod_store_open(config->store, &daemon->store, problem));
+  LOD_TRY(start_jobs(daemon, problem));
+  LOD_TRY(lod_service_init(&daemon->service, daemon->store, daemon->jobs, daemon->metrics, config, problem));
+  struct lod_http *http;
+  LOD_TRY(lod_http_create(&daemon->service, &http, problem));
+  pthread_mutex_lock(&daemon->http_lock);
+  daemon->http = http;
+  pthread_mutex_unlock(&daemon->http_lock);
+  if (*config->models)
+    LOD_TRY(lod_models_dir_create(config->models, daemon->store, daemon->jobs, &daemon->models, problem));
+  return LOD_OK;
+}
+
+static void stop(struct daemon *daemon) {
+  lod_models_dir_destroy(daemon->models);
+  pthread_mutex_lock(&daemon->http_lock);
+  struct lod_http *http = daemon->http;
+  daemon->http = NULL;
+  pthread_mutex_unlock(&daemon->http_lock);
+  lod_http_destroy(http, (double)daemon->config.drain_seconds);
+  lod_jobs_destroy(daemon->jobs);
+  lod_service_finish(&daemon->service);
+  lod_store_close(daemon->store);
+  lod_metrics_destroy(daemon->metrics);
+  free(daemon->limits_json);
+  lod_config_finish(&daemon->config);
+}
+
+static void program_path(char *path, size_t size) {
+  ssize_t length = readlink("/proc/self/exe", path, size - 1);
+  path[length > 0 ? length : 0] = 0;
+}
+
+int main(int argc, char **argv) {
+  static struct daemon daemon = {.http_lock = PTHREAD_MUTEX_INITIALIZER};
+  struct lod_problem problem = {0};
+  enum lod_config_action action;
+  char program[4096];
+  program_path(program, sizeof program);
+  enum lod_status status = lod_config_read(argc, argv, program, &daemon.config, &action, &problem);
+  enum lod_log_level level = LOD_LOG_INFO;
+  if (status == LOD_OK && action == LOD_CONFIG_RUN && !lod_log_level_parse(daemon.config.log_level, &level))
+    status = lod_fail(&problem, LOD_BAD_INPUT, "bad-flag", "--log-level must be debug, info, warn, error or off, not '%s'.",
+                      daemon.config.log_level);
+  if (status != LOD_OK) {
+    fprintf(stderr, "lodestreamd: %s\n", problem.detail);
+    lod_config_finish(&daemon.config);
+    return EXIT_USAGE;
+  }
+  if (action != LOD_CONFIG_RUN) {
+    if (action == LOD_CONFIG_HELP)
+      lod_config_help(stdout);
+    else
+      printf("lodestreamd %s\n", LOD_VERSION);
+    lod_config_finish(&daemon.config);
+    return EXIT_STOPPED;
+  }
+  lod_log_open(strcmp(daemon.config.log, "json") == 0, level);
+  signal(SIGPIPE, SIG_IGN);
+  raise_descriptor_limit();
+  /* Blocked before any thread starts, so that only sigwait below takes them. */
+  sigset_t ends;
+  sigemptyset(&ends);
+  sigaddset(&ends, SIGTERM);
+  sigaddset(&ends, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &ends, NULL);
+
+  int result = EXIT_STOPPED, number = 0;
+  if (start(&daemon, &problem) == LOD_OK) {
+    printf("listening on %s\n", lod_http_url(daemon.http));
+    fflush(stdout);
+    if (!daemon.service.has_token)
+      lod_log(LOD_LOG_WARN, "no --token-file: anyone who can connect may upload and delete models");
+    while (sigwait(&ends, &number) != 0)
+      ;
+    lod_log(LOD_LOG_INFO, "%s: finishing what was begun, for at most %llu s", strsignal(number),
+            (unsigned long long)daemon.config.drain_seconds);
+  } else {
+    fprintf(stderr, "lodestreamd: %s\n", problem.detail);
+    daemon.config.drain_seconds = 0;
+    result = EXIT_CANNOT_START;
+  }
+  stop(&daemon);
+  return result;
+}

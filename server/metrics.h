@@ -1,0 +1,55 @@
+/* What the daemon counts, for Prometheus. Every metric is declared once, in metrics.c, with kind, unit and a sentence. Any thread may
+ * count. */
+#ifndef LOD_SERVER_METRICS_H
+#define LOD_SERVER_METRICS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Without labels. A value counts up from 0, or is set as it is now; seconds and other fractions are doubles. */
+enum lod_metric {
+  LOD_METRIC_START_TIME,
+  LOD_METRIC_CONNECTIONS,
+  LOD_METRIC_CONNECTIONS_ACCEPTED,
+  LOD_METRIC_STREAMS,
+  LOD_METRIC_DRAINING,
+  LOD_METRIC_BODY_BYTES_SENT,
+  LOD_METRIC_BODY_BYTES_RECEIVED,
+  LOD_METRIC_NOT_MODIFIED,
+  LOD_METRIC_PARTIAL,
+  LOD_METRIC_OBJECTS_CACHED,
+  LOD_METRIC_OBJECT_HITS,
+  LOD_METRIC_OBJECT_MISSES,
+  LOD_METRIC_RESPONSES_CACHED,
+  LOD_METRIC_RESPONSE_HITS,
+  LOD_METRIC_RESPONSE_MISSES,
+  LOD_METRIC_MODELS,
+  LOD_METRIC_JOBS_QUEUED,
+  LOD_METRIC_JOBS_RUNNING,
+  LOD_METRIC_JOBS_DONE,
+  LOD_METRIC_JOBS_FAILED,
+  LOD_METRIC_JOBS_RETRIED,
+  LOD_METRIC_WORKERS_CRASHED,
+  LOD_METRIC_WORKERS_KILLED,
+  LOD_METRIC_BAKE_SECONDS,
+  LOD_METRIC_COUNT,
+};
+
+struct lod_metrics;
+
+/* routes: names for the label `route`, borrowed; cuts: names for the label `reason`, borrowed. NULL: memory. */
+struct lod_metrics *lod_metrics_create(const char *const *routes, uint32_t route_count, const char *const *cuts, uint32_t cut_count);
+void lod_metrics_destroy(struct lod_metrics *metrics);
+
+void lod_metrics_add(struct lod_metrics *metrics, enum lod_metric metric, int64_t amount);
+void lod_metrics_set(struct lod_metrics *metrics, enum lod_metric metric, double value);
+/* A finished request. */
+void lod_metrics_request(struct lod_metrics *metrics, uint32_t route, unsigned status, double seconds);
+/* A connection that was cut. */
+void lod_metrics_cut(struct lod_metrics *metrics, uint32_t reason);
+
+/* Prometheus text format 0.0.4, malloc'd; NULL: memory. */
+char *lod_metrics_text(struct lod_metrics *metrics, size_t *size);
+
+#endif
