@@ -85,9 +85,12 @@ static const struct {
   const char *format;
   enum lod_status (*read)(struct lod_reader *reader);
 } kReaders[] = {
+    {"glb", lod_import_gltf},
+    {"gltf", lod_import_gltf},
     {"ply", lod_import_ply},
     {"stl", lod_import_stl},
     {"m", lod_import_hoppe},
+    {"drc", lod_import_draco},
 };
 
 /* Curved patches are no triangles; the patch reader of the clod family is another module's entrance. */

@@ -697,17 +697,15 @@ static enum lod_status append_strips(struct ply *ply, struct lod_polygon_triangl
 }
 
 static enum lod_status add_texture(struct ply *ply, uint32_t *material) {
-  const uint8_t *bytes;
-  size_t size;
+  const uint8_t *bytes = NULL;
+  size_t size = 0;
   uint32_t image;
   *material = LOD_NONE;
   if (!ply->texture[0] || !ply->mesh.uvs[0])
     return LOD_OK;
-  if (!ply->reader->files) {
-    lod_scene_warn(ply->reader->scene, "The texture '%.100s' did not come with the model.", ply->texture);
+  LOD_TRY(lod_reader_open_optional(ply->reader, ply->texture, false, ply->reader->arena, &bytes, &size));
+  if (!bytes)
     return LOD_OK;
-  }
-  LOD_TRY(lod_reader_open_path(ply->reader, ply->texture, &bytes, &size));
   LOD_TRY(lod_reader_add_image(ply->reader, ply->texture, bytes, size, &image));
   if (image == LOD_NONE)
     return LOD_OK;

@@ -48,12 +48,22 @@ LOD_WARN_UNUSED enum lod_status lod_reader_add_bytes(struct lod_reader *reader, 
 /* LOD_CANCELLED when the caller asked to stop. */
 LOD_WARN_UNUSED enum lod_status lod_reader_progress(struct lod_reader *reader, double fraction);
 
-/* The bytes behind a URI as it stands in the file (percent-encoded): a data URI (base64 or percent-encoded text), or a file through
+/* The bytes (in `arena`) behind a URI as it stands in the file (percent-encoded): a data URI (base64 or percent-encoded text), or a file through
  * reader->files. Anything else is refused as "unsafe-uri": other schemes, absolute paths, "..", backslashes, control characters. */
-LOD_WARN_UNUSED enum lod_status lod_reader_open_uri(struct lod_reader *reader, const char *uri, const uint8_t **bytes, size_t *size);
+LOD_WARN_UNUSED enum lod_status lod_reader_open_uri(struct lod_reader *reader, const char *uri, struct lod_arena *arena,
+                                                    const uint8_t **bytes, size_t *size);
+
+/* "unsafe-uri" without opening anything; data URIs are safe. */
+LOD_WARN_UNUSED enum lod_status lod_reader_check_uri(struct lod_reader *reader, const char *uri);
 
 /* The same for a path that is not percent-encoded (OBJ, FBX); backslashes are taken for slashes, "./" is dropped. */
-LOD_WARN_UNUSED enum lod_status lod_reader_open_path(struct lod_reader *reader, const char *path, const uint8_t **bytes, size_t *size);
+LOD_WARN_UNUSED enum lod_status lod_reader_open_path(struct lod_reader *reader, const char *path, struct lod_arena *arena,
+                                                     const uint8_t **bytes, size_t *size);
+
+/* Either of the two for a file that the model can do without (textures, OBJ materials): when it is missing, a warning, LOD_OK and *bytes
+ * NULL. Unsafe names and limits stay errors. */
+LOD_WARN_UNUSED enum lod_status lod_reader_open_optional(struct lod_reader *reader, const char *name, bool is_uri, struct lod_arena *arena,
+                                                         const uint8_t **bytes, size_t *size);
 
 /* Adds the encoded picture to the scene after checking its header against the limits. A picture that is no PNG, JPEG, WebP or KTX2 gives
  * a warning and LOD_NONE. name may be NULL; bytes must outlive the model or lie in reader->arena. */

@@ -61,7 +61,7 @@ static bool base64_decode(const char *text, size_t length, uint8_t *out, size_t 
   return held < 6;
 }
 
-static enum lod_status open_data(struct lod_reader *reader, const char *uri, const uint8_t **bytes, size_t *size) {
+static enum lod_status open_data(struct lod_reader *reader, const char *uri, struct lod_arena *arena, const uint8_t **bytes, size_t *size) {
   const char *comma = strchr(uri, ',');
   if (!comma)
     return lod_reader_bad(reader, "bad-uri", "a data URI has no comma before its data");
@@ -70,7 +70,7 @@ static enum lod_status open_data(struct lod_reader *reader, const char *uri, con
   size_t header = (size_t)(comma - uri);
   bool base64 = header >= 7 && strncasecmp(comma - 7, ";base64", 7) == 0;
   /* No larger than its text, which the file's own size already counts. */
-  uint8_t *out = lod_arena_alloc(reader->arena, length + 4, 1);
+  uint8_t *out = lod_arena_alloc(arena, length + 4, 1);
   if (!out)
     return lod_reader_memory(reader);
   if (!base64) {
@@ -110,30 +110,53 @@ static bool is_safe(const char *path, size_t length) {
   return true;
 }
 
-static enum lod_status open_checked(struct lod_reader *reader, const char *path, size_t length, const char *original, const uint8_t **bytes,
-                                    size_t *size) {
-  if (!is_safe(path, length))
-    return lod_reader_bad(reader, "unsafe-uri", "refers to '%.200s'; only relative paths beneath the model's own folder are read",
-                          original);
+static enum lod_status check_safe(struct lod_reader *reader, const char *path, size_t length, const char *original) {
+  if (is_safe(path, length))
+    return LOD_OK;
+  return lod_reader_bad(reader, "unsafe-uri", "refers to '%.200s'; only relative paths beneath the model's own folder are read", original);
+}
+
+static enum lod_status open_checked(struct lod_reader *reader, const char *path, size_t length, const char *original, struct lod_arena *arena,
+                                    const uint8_t **bytes, size_t *size) {
+  LOD_TRY(check_safe(reader, path, length, original));
   if (!reader->files)
     return lod_reader_bad(reader, "missing-file", "refers to '%.200s', but the model came without further files; expected a self-contained file",
                           original);
-  LOD_TRY(reader->files->read(reader->files->context, path, reader->arena, bytes, size, reader->problem));
+  LOD_TRY(reader->files->read(reader->files->context, path, arena, bytes, size, reader->problem));
   return lod_reader_add_bytes(reader, *size);
 }
 
-enum lod_status lod_reader_open_uri(struct lod_reader *reader, const char *uri, const uint8_t **bytes, size_t *size) {
-  if (strncasecmp(uri, "data:", 5) == 0)
-    return open_data(reader, uri, bytes, size);
-  char *path = lod_arena_copy(reader->scratch, uri, strlen(uri));
-  if (!path)
+static bool is_data(const char *uri) { return strncasecmp(uri, "data:", 5) == 0; }
+
+static enum lod_status decode_path(struct lod_reader *reader, const char *uri, char **path, size_t *length) {
+  *path = lod_arena_copy(reader->scratch, uri, strlen(uri));
+  if (!*path)
     return lod_reader_memory(reader);
-  size_t length = percent_decode(uri, strlen(uri), path);
-  path[length] = 0;
-  return open_checked(reader, path, length, uri, bytes, size);
+  *length = percent_decode(uri, strlen(uri), *path);
+  (*path)[*length] = 0;
+  return LOD_OK;
 }
 
-enum lod_status lod_reader_open_path(struct lod_reader *reader, const char *path, const uint8_t **bytes, size_t *size) {
+enum lod_status lod_reader_check_uri(struct lod_reader *reader, const char *uri) {
+  char *path = NULL;
+  size_t length = 0;
+  if (is_data(uri))
+    return LOD_OK;
+  LOD_TRY(decode_path(reader, uri, &path, &length));
+  return check_safe(reader, path, length, uri);
+}
+
+enum lod_status lod_reader_open_uri(struct lod_reader *reader, const char *uri, struct lod_arena *arena, const uint8_t **bytes, size_t *size) {
+  char *path = NULL;
+  size_t length = 0;
+  if (is_data(uri))
+    return open_data(reader, uri, arena, bytes, size);
+  LOD_TRY(decode_path(reader, uri, &path, &length));
+  return open_checked(reader, path, length, uri, arena, bytes, size);
+}
+
+enum lod_status lod_reader_open_path(struct lod_reader *reader, const char *path, struct lod_arena *arena, const uint8_t **bytes,
+                                     size_t *size) {
   char *copy = lod_arena_copy(reader->scratch, path, strlen(path));
   if (!copy)
     return lod_reader_memory(reader);
@@ -142,5 +165,21 @@ enum lod_status lod_reader_open_path(struct lod_reader *reader, const char *path
       *p = '/';
   while (copy[0] == '.' && copy[1] == '/')
     copy += 2;
-  return open_checked(reader, copy, strlen(copy), path, bytes, size);
+  return open_checked(reader, copy, strlen(copy), path, arena, bytes, size);
+}
+
+enum lod_status lod_reader_open_optional(struct lod_reader *reader, const char *name, bool is_uri, struct lod_arena *arena,
+                                         const uint8_t **bytes, size_t *size) {
+  struct lod_problem *outer = reader->problem, local = {0};
+  reader->problem = &local;
+  *bytes = NULL;
+  enum lod_status status = is_uri ? lod_reader_open_uri(reader, name, arena, bytes, size) : lod_reader_open_path(reader, name, arena, bytes, size);
+  reader->problem = outer;
+  if (status == LOD_OK)
+    return LOD_OK;
+  *bytes = NULL;
+  if (strcmp(local.type, "missing-file") != 0 && strcmp(local.type, "bad-uri") != 0)
+    return lod_fail(outer, status, local.type, "%s", local.detail);
+  lod_scene_warn(reader->scene, "'%.200s', which the model refers to, could not be read and was left out.", name);
+  return LOD_OK;
 }
