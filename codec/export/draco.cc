@@ -83,6 +83,8 @@ extern "C" struct lod_draco_grid lod_draco_grid_make(const float *min, const flo
     unit *= 2;
   /* Units in a step. A step longer than the box is no use. */
   double count = std::fmax(std::floor(std::fmin(step, side) / unit), 1);
+  /* A whole number of steps along the longest side, as far as U allows: both its ends are then grid points and the box does not shrink. */
+  count = std::fmax(std::floor(side / unit / std::ceil(side / unit / count)), 1);
   /* From 22 bits on Draco's float product value * (1 / step) is only sure to round to the right index when step is a power of two. */
   if (bits_for(side, count * unit) >= 22) {
     int power = 0;
