@@ -12,21 +12,24 @@ struct lod_jobs;
 enum lod_job_state { LOD_JOB_QUEUED, LOD_JOB_RUNNING, LOD_JOB_DONE, LOD_JOB_FAILED };
 
 struct lod_jobs_settings {
-  struct lod_store *store;         /* not owned */
-  const char *worker_path;         /* the `lodestream` program */
-  uint32_t workers;                /* bakes at once; default 1 */
-  uint32_t threads;                /* per worker; 0 = as many as the machine has */
-  uint32_t queue_limit;            /* waiting jobs; more are refused with LOD_LIMIT "queue-full"; default 64 */
-  uint32_t deadline_seconds;       /* of one bake; default 600 */
-  uint64_t memory_limit_bytes;     /* of one worker; default 8 GiB */
-  uint64_t upload_limit_bytes;     /* default 1 GiB; checked by http while the body arrives */
-  const char *limits_json;         /* import limits object for the 'J' frame, or NULL = defaults */
+  struct lod_store *store;                      /* not owned */
+  const char *worker_path;                      /* the `lodestream` program */
+  uint32_t workers;                             /* bakes at once; default 1 */
+  uint32_t threads;                             /* per worker; 0 = as many as the machine has */
+  uint32_t queue_limit;                         /* waiting jobs; more are refused with LOD_LIMIT "queue-full"; default 64 */
+  uint32_t deadline_seconds;                    /* of one bake; default 600 */
+  uint64_t memory_limit_bytes;                  /* of one worker; default 8 GiB */
+  uint64_t upload_limit_bytes;                  /* default 1 GiB; checked by http while the body arrives */
+  const char *limits_json;                      /* import limits object for the 'J' frame, or NULL = defaults */
   void (*changed)(void *context, uint64_t job); /* called from any thread whenever a job's state, stage or progress changes */
   void *context;
+  void (*log)(void *context, const char *line); /* a line for the operator's log, from any thread; NULL = standard error */
+  uint32_t kept_jobs;                           /* ended jobs that lod_jobs_find still knows; default 1000 */
 };
 struct lod_jobs_settings lod_jobs_defaults(void);
 
-LOD_WARN_UNUSED enum lod_status lod_jobs_create(const struct lod_jobs_settings *settings, struct lod_jobs **jobs, struct lod_problem *problem);
+LOD_WARN_UNUSED enum lod_status lod_jobs_create(const struct lod_jobs_settings *settings, struct lod_jobs **jobs,
+                                                struct lod_problem *problem);
 /* Kills running workers (their jobs run again at the next start) and joins all threads. */
 void lod_jobs_destroy(struct lod_jobs *jobs);
 
@@ -45,13 +48,17 @@ struct lod_job {
   struct lod_problem problem; /* status LOD_OK unless failed */
   double created, finished;   /* seconds since 1970 */
 };
-/* False when there is no such job (or it ended long ago: the last 1000 are kept). */
+/* Ends all jobs of a model that are queued or running with the problem "cancelled", and returns when none of them can change the model any
+ * more: to be called before lod_store_model_delete, so that what was uploaded before a delete does not come back after it. */
+void lod_jobs_cancel_model(struct lod_jobs *jobs, const char *id);
+
+/* False when there is no such job (or it ended long ago: the last kept_jobs are kept). */
 bool lod_jobs_find(struct lod_jobs *jobs, uint64_t number, struct lod_job *job);
 
 struct lod_jobs_counts {
-  uint64_t queued, running, done, failed;             /* now, now, since start, since start */
-  uint64_t workers_crashed, workers_killed, retried;  /* since start: by signal, by deadline or limit, after a restart */
-  double bake_seconds;                                /* since start, of finished jobs */
+  uint64_t queued, running, done, failed;            /* now, now, since start, since start */
+  uint64_t workers_crashed, workers_killed, retried; /* since start: by signal, by deadline or limit, after a restart */
+  double bake_seconds;                               /* since start, of finished jobs */
 };
 struct lod_jobs_counts lod_jobs_counts(struct lod_jobs *jobs);
 

@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -88,6 +89,30 @@ void lod_remove_tree(int folder_fd, const char *name) {
     return;
   lod_empty_folder(folder_fd, name);
   unlinkat(folder_fd, name, AT_REMOVEDIR);
+}
+
+struct lod_name_list lod_list_folder(int folder_fd) {
+  struct lod_name_list list = {0};
+  DIR *folder = open_folder(folder_fd, ".");
+  if (folder == NULL)
+    return list;
+  for (const struct dirent *file; (file = readdir(folder)) != NULL;) {
+    char **names = is_dots(file->d_name) ? NULL : reallocarray(list.names, list.count + 1, sizeof *names);
+    if (names == NULL)
+      continue;
+    list.names = names;
+    names[list.count] = strdup(file->d_name);
+    list.count += names[list.count] != NULL;
+  }
+  closedir(folder);
+  return list;
+}
+
+void lod_name_list_finish(struct lod_name_list *list) {
+  for (size_t i = 0; i < list->count; i++)
+    free(list->names[i]);
+  free(list->names);
+  *list = (struct lod_name_list){0};
 }
 
 static int hex_digit(char digit) {

@@ -146,7 +146,7 @@ static struct revision *exchange(struct lod_store *store, const char *id, struct
   pthread_rwlock_wrlock(&store->snapshot);
   struct revision *old = lod_table_remove(&store->models, id);
   size_t place = lower_bound(store, id, true);
-  struct revision **slot = store->order + place;
+  struct revision **slot = store->order == NULL ? NULL : store->order + place; /* NULL: nothing to take out and nothing put in */
   if (revision != NULL)
     lod_table_insert(&store->models, revision->model.id, revision);
   if (old != NULL && revision != NULL) {

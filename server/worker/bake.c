@@ -8,18 +8,78 @@
 #include <unistd.h>
 
 #include "core/cluster/cluster.h"
+#include "core/mesh/topology.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
-
-static const struct lod_family *const kFamilies[] = {&lod_cluster_family};
 
 /* Levels that are the source itself, differing in precision alone (shares of the diagonal): the finest, and one for the wide gap in bytes
  * between it and the first simplified level. */
 static const double kSourcePrecision[] = {1e-5, 1e-4};
 
-const struct lod_family *const *lod_bake_families(uint32_t *count) {
-  *count = sizeof kFamilies / sizeof kFamilies[0];
-  return kFamilies;
+/* A family with the settings that a request asks of it, made in `arena`; settings NULL: the levels of the source itself meet the request. */
+struct recipe {
+  const struct lod_family *family;
+  enum lod_status (*settings)(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
+};
+
+static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
+
+static const struct recipe kRecipes[] = {{&lod_cluster_family, cluster_settings}};
+enum { RECIPE_COUNT = sizeof kRecipes / sizeof kRecipes[0] };
+
+const struct lod_family *lod_bake_family(uint32_t index) {
+  return index < RECIPE_COUNT ? kRecipes[index].family : NULL;
+}
+
+static int compare_descending(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return x < y ? 1 : x > y ? -1 : 0;
+}
+
+/* The errors asked for in model units, largest first, each once; those that quantisation alone would break are left out: the levels of the
+ * source itself are for them. */
+static uint32_t requested_errors(const struct lod_bake_request *request, double diagonal, double *errors) {
+  uint32_t count = 0;
+  for (uint32_t i = 0; i < request->epsilon_count; i++) {
+    double error = request->epsilons[i] * (request->epsilon_relative[i] ? diagonal : 1);
+    if (error > 4 * kSourcePrecision[0] * diagonal)
+      errors[count++] = error;
+  }
+  qsort(errors, count, sizeof *errors, compare_descending);
+  uint32_t kept = 0;
+  for (uint32_t i = 0; i < count; i++)
+    if (kept == 0 || errors[i] < errors[kept - 1])
+      errors[kept++] = errors[i];
+  return kept;
+}
+
+/* A cell whose half diagonal is three quarters of the error leaves the last quarter to quantisation. */
+static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings) {
+  struct lod_cluster_settings *cluster = LOD_NEW(arena, 1, struct lod_cluster_settings);
+  double *cells = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
+  if (cluster == NULL || cells == NULL)
+    return LOD_MEMORY;
+  *cluster = lod_cluster_defaults();
+  cluster->threads = request->threads;
+  if (request->epsilon_count != 0) {
+    uint32_t count = requested_errors(request, diagonal, cells);
+    if (count == 0) {
+      *settings = NULL;
+      return LOD_OK;
+    }
+    cluster->representative = LOD_CLUSTER_CENTRE;
+    cluster->cells = cells;
+    cluster->cell_count = count;
+    for (uint32_t i = 0; i < count / 2; i++) {
+      double t = cells[i];
+      cells[i] = cells[count - 1 - i];
+      cells[count - 1 - i] = t;
+    }
+    for (uint32_t i = 0; i < count; i++)
+      cells[i] *= 0.75 * 2 / 1.7320508075688772;
+  }
+  *settings = cluster;
+  return LOD_OK;
 }
 
 struct lod_bake_request lod_bake_defaults(void) {
@@ -35,7 +95,8 @@ struct bake {
   struct lod_source_facts source;
   struct lod_level_baker baker;
   char (*image_objects)[LOD_HASH_HEX + 1];
-  struct lod_baked_family families[LOD_BAKE_MAX_FAMILIES];
+  const struct recipe *recipes[RECIPE_COUNT];
+  struct lod_baked_family families[RECIPE_COUNT];
   uint32_t family_count;
 };
 
@@ -49,27 +110,25 @@ static double now_seconds(void) {
 
 static enum lod_status choose_families(struct bake *bake) {
   const struct lod_bake_request *request = bake->request;
-  uint32_t built;
-  const struct lod_family *const *all = lod_bake_families(&built);
-  if (request->family_count == 0) {
-    for (uint32_t i = 0; i < built; i++)
-      bake->families[bake->family_count++].family = all[i];
-    return LOD_OK;
-  }
+  bool chosen[RECIPE_COUNT] = {false};
   for (uint32_t i = 0; i < request->family_count; i++) {
-    const struct lod_family *found = NULL;
-    for (uint32_t k = 0; k < built; k++)
-      if (strcmp(all[k]->name, request->families[i]) == 0)
-        found = all[k];
-    if (found == NULL) {
+    uint32_t k = 0;
+    while (k < RECIPE_COUNT && strcmp(kRecipes[k].family->name, request->families[i]) != 0)
+      k++;
+    if (k == RECIPE_COUNT) {
       char names[128] = "";
-      for (uint32_t k = 0; k < built; k++)
-        snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s", k == 0 ? "" : ", ", all[k]->name);
+      for (k = 0; k < RECIPE_COUNT; k++)
+        snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s", k == 0 ? "" : ", ", kRecipes[k].family->name);
       return lod_fail(bake->problem, LOD_UNSUPPORTED, "unknown-family", "There is no family \"%s\"; this version bakes: %s.", request->families[i],
                       names);
     }
-    bake->families[bake->family_count++].family = found;
+    chosen[k] = true;
   }
+  for (uint32_t k = 0; k < RECIPE_COUNT; k++)
+    if (chosen[k] || request->family_count == 0) {
+      bake->recipes[bake->family_count] = &kRecipes[k];
+      bake->families[bake->family_count++].family = kRecipes[k].family;
+    }
   return LOD_OK;
 }
 
@@ -91,6 +150,17 @@ static enum lod_status import(struct bake *bake) {
   bake->source.bytes = request->size;
   bake->source.bounds = lod_model_bounds(&bake->model);
   bake->source.sphere = lod_model_sphere(&bake->model);
+  bake->source.closed = true;
+  for (uint32_t u = 0; u < bake->model.unit_count; u++) {
+    struct lod_topology topology;
+    if (lod_topology_measure(&bake->model.units[u].mesh, NULL, bake->arena, &topology) != LOD_OK)
+      return lod_fail_memory(bake->problem);
+    bake->source.components += topology.components;
+    bake->source.boundary_loops += topology.boundary_loops;
+    bake->source.non_manifold_edges += topology.non_manifold_edges;
+    bake->source.degenerate_triangles += topology.degenerate_triangles;
+    bake->source.closed = bake->source.closed && topology.closed;
+  }
   return LOD_OK;
 }
 
@@ -195,9 +265,13 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
       .begin = 0.1 + 0.85 * index / bake->family_count,
       .end = 0.1 + 0.85 * (index + 1) / bake->family_count,
   };
+  const void *settings;
   LOD_TRY(add_source_levels(&sink));
-  LOD_TRY(family->family->build(bake->model.units, bake->model.unit_count, NULL, bake->request->progress, bake->arena, receive_level, &sink,
-                                bake->problem));
+  if (bake->recipes[index]->settings(bake->request, bake->baker.diagonal, bake->arena, &settings) != LOD_OK)
+    return lod_fail_memory(bake->problem);
+  if (settings != NULL)
+    LOD_TRY(family->family->build(bake->model.units, bake->model.unit_count, settings, bake->request->progress, bake->arena, receive_level, &sink,
+                                  bake->problem));
   family->level_count = lod_levels_order(family->levels, family->level_count);
   for (uint32_t i = 0; i < family->level_count; i++) {
     struct lod_baked_level *level = &family->levels[i];

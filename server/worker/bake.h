@@ -35,8 +35,8 @@ struct lod_bake_request {
 
 struct lod_bake_request lod_bake_defaults(void);
 
-/* The families that can be baked, in order of their names; *count of them. */
-const struct lod_family *const *lod_bake_families(uint32_t *count);
+/* The families that can be baked, one after the other; NULL behind the last. */
+const struct lod_family *lod_bake_family(uint32_t index);
 
 LOD_WARN_UNUSED enum lod_status lod_bake_run(const struct lod_bake_request *request, struct lod_problem *problem);
 

@@ -180,6 +180,8 @@ static void another_id_in_the_manifest_is_replaced(void **state) {
 static void two_models_share_an_object_until_both_are_gone(void **state) {
   struct fixture *fixture = *state;
   bool existed;
+  assert_int_equal(lod_store_model_delete(fixture->store, "cube", &existed, NULL), LOD_OK);
+  assert_false(existed);
   assert_int_equal(put(fixture, "cube", "r1", kCube, 3, NULL), LOD_OK);
   assert_int_equal(put(fixture, "other", "r1", kOther, 2, NULL), LOD_OK);
   assert_int_equal(count_objects(fixture), 4);
