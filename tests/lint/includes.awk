@@ -21,7 +21,7 @@ function importer(path,   name) {
   name = path
   sub(/^codec\/import\//, "", name)
   sub(/[._].*/, "", name)
-  return name ~ /^(gltf|assimp|ply|stl|obj|off|hoppe|bezier|patches)$/ ? name : ""
+  return name ~ /^(gltf|drc|assimp|ply|stl|obj|off|hoppe|bezier|patches)$/ ? name : ""
 }
 
 function check_ours(to,   from, target, path) {
