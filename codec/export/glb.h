@@ -11,7 +11,7 @@ struct lod_glb_settings {
   int normal_bits;       /* octahedral, 2 to 16; default 8 */
   int uv_bits;           /* steps of 2^-uv_bits in UV, whatever the range; default 12 */
   int color_bits;        /* 1 to 16 a channel; default 8 */
-  int draco_speed;       /* 0 = smallest ... 10 = fastest; default 3 (figures in README.md) */
+  int draco_speed;       /* 0 = smallest ... 9 = fastest; -1 (default) = by size: what README.md recommends and measured */
   /* Leave normals out where a client can compute them: all of a primitive within 3 degrees of the area-weighted mean of the faces at that
    * position. The primitive then says extras.normals = "smooth". Viewers that do not know this show facets; default false. */
   bool omit_smooth_normals;

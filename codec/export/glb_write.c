@@ -12,7 +12,7 @@
 
 struct lod_glb_settings lod_glb_defaults(void) {
   return (struct lod_glb_settings){
-      .normal_bits = 8, .uv_bits = 12, .color_bits = 8, .draco_speed = 3, .threads = 0, .generator = "Lodestream " LOD_VERSION};
+      .normal_bits = 8, .uv_bits = 12, .color_bits = 8, .draco_speed = -1, .threads = 0, .generator = "Lodestream " LOD_VERSION};
 }
 
 /* ---- growing bytes ---- */
@@ -601,7 +601,7 @@ static struct lod_glb_settings clamped(const struct lod_glb_settings *settings) 
   s.normal_bits = s.normal_bits < 2 ? 2 : s.normal_bits > 16 ? 16 : s.normal_bits;
   s.uv_bits = s.uv_bits < 1 ? 1 : s.uv_bits > 24 ? 24 : s.uv_bits;
   s.color_bits = s.color_bits < 1 ? 1 : s.color_bits > 16 ? 16 : s.color_bits;
-  s.draco_speed = s.draco_speed < 0 ? 0 : s.draco_speed > 10 ? 10 : s.draco_speed;
+  s.draco_speed = s.draco_speed < -1 ? -1 : s.draco_speed > 10 ? 10 : s.draco_speed;
   return s;
 }
 
