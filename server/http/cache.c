@@ -157,6 +157,14 @@ struct lod_cache_entry *lod_cache_insert(struct lod_cache *cache, const void *ke
   return held;
 }
 
+void lod_cache_trim(struct lod_cache *cache, uint64_t generation) {
+  struct lod_cache_entry *dead = NULL;
+  pthread_mutex_lock(&cache->lock);
+  follow_generation(cache, generation, &dead);
+  pthread_mutex_unlock(&cache->lock);
+  finish_entries(cache, dead);
+}
+
 void *lod_cache_value(const struct lod_cache_entry *entry) {
   return entry->value;
 }

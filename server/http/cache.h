@@ -19,6 +19,8 @@ struct lod_cache_entry *lod_cache_find(struct lod_cache *cache, const void *key,
 /* Puts a value in (taken) and holds it. When another thread was first, its value is held and this one finished. The value is finished and
  * NULL returned when memory is out. */
 struct lod_cache_entry *lod_cache_insert(struct lod_cache *cache, const void *key, size_t key_size, uint64_t generation, void *value);
+/* Empties the cache when what is inside belongs to another generation. */
+void lod_cache_trim(struct lod_cache *cache, uint64_t generation);
 void *lod_cache_value(const struct lod_cache_entry *entry);
 void lod_cache_release(struct lod_cache *cache, struct lod_cache_entry *entry);
 

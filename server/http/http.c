@@ -709,6 +709,7 @@ enum lod_status lod_http_create(struct lod_service *service, struct lod_http **r
   http->loop_count = loops < 256 ? (uint32_t)loops : 256;
   http->loops = calloc(http->loop_count, sizeof *http->loops);
   http->responses = lod_cache_create(config->cached_objects, destroy_response);
+  service->responses = http->responses;
   http->background = lod_background_create(2);
   for (uint32_t i = 0; http->loops && i < http->loop_count; i++) {
     http->loops[i].http = http;
@@ -729,6 +730,7 @@ const char *lod_http_url(const struct lod_http *http) {
 }
 
 void lod_http_job_changed(struct lod_http *http) {
+  lod_service_trim(http->service);
   for (uint32_t i = 0; i < http->loop_count; i++)
     wake(&http->loops[i]);
 }
@@ -755,6 +757,7 @@ void lod_http_destroy(struct lod_http *http, double drain_seconds) {
     pthread_mutex_destroy(&loop->done_lock);
   }
   lod_background_destroy(http->background);
+  http->service->responses = NULL;
   lod_cache_destroy(http->responses);
   free(http->loops);
   free(http);

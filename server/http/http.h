@@ -13,7 +13,7 @@ struct lod_http;
 LOD_WARN_UNUSED enum lod_status lod_http_create(struct lod_service *service, struct lod_http **http, struct lod_problem *problem);
 /* "http://127.0.0.1:8080" */
 const char *lod_http_url(const struct lod_http *http);
-/* Wakes the streams of job events; any thread. */
+/* Wakes the streams of job events, and lets go of what a new revision replaced; any thread. */
 void lod_http_job_changed(struct lod_http *http);
 /* Takes no more connections, lets answers in progress finish for so long, cuts what is left, ends the loops and frees all. NULL is allowed.
  */

@@ -108,6 +108,7 @@ static void delete_model(struct lod_exchange *exchange) {
     lod_exchange_unknown_model(exchange, id);
   else
     exchange->reply.status = 204;
+  lod_service_trim(exchange->service);
 }
 
 void lod_answer_model_delete(struct lod_exchange *exchange) {

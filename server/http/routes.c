@@ -273,6 +273,13 @@ void lod_service_finish(struct lod_service *service) {
   service->viewer_fd = -1;
 }
 
+void lod_service_trim(struct lod_service *service) {
+  uint64_t generation = lod_store_generation(service->store);
+  lod_cache_trim(service->objects, generation);
+  if (service->responses)
+    lod_cache_trim(service->responses, generation);
+}
+
 static void release_object(void *object) {
   lod_store_object_release(object);
 }

@@ -24,6 +24,7 @@ struct lod_service {
   struct lod_metrics *metrics;
   const struct lod_config *config;
   struct lod_cache *objects;    /* hex SHA-256 -> struct lod_body of the mapped object */
+  struct lod_cache *responses;  /* http.c's prepared responses, for their counts; not owned, NULL before it runs */
   struct lod_cache *compressed; /* ETag -> struct lod_body, gzip of what that ETag names */
   bool has_token;
   uint8_t token_digest[32]; /* SHA-256 of the bearer token */
@@ -36,6 +37,8 @@ struct lod_service {
 LOD_WARN_UNUSED enum lod_status lod_service_init(struct lod_service *service, struct lod_store *store, struct lod_jobs *jobs,
                                                  struct lod_metrics *metrics, const struct lod_config *config, struct lod_problem *problem);
 void lod_service_finish(struct lod_service *service);
+/* Lets go of what is cached of models that were replaced or deleted, so that the store can remove their objects; any thread. */
+void lod_service_trim(struct lod_service *service);
 /* The object's bytes, retained; NULL and LOD_OK when there is none. *type: media type, valid while the body is held. */
 LOD_WARN_UNUSED enum lod_status lod_service_object(struct lod_service *service, const char *sha256, struct lod_body **body,
                                                    const char **type, struct lod_problem *problem);

@@ -1,0 +1,238 @@
+// What breaks servers: many connections, slow ones, ones that stay, ones that go, and being told to stop.
+import assert from 'node:assert/strict';
+import { after, before, test } from 'node:test';
+import fs from 'node:fs';
+import { createHash } from 'node:crypto';
+import { Daemon, bunny, curl, eventually, makeDirectory, parse, sleep } from './daemon.mjs';
+
+const size = bunny.families.cluster.levels[2].size;
+let daemon;
+let object;
+
+before(async () => {
+  daemon = await Daemon.start({ flags: ['--header-seconds', '2', '--idle-seconds', '4', '--rate-seconds', '2', '--rate-bytes', '100KiB'] });
+  await daemon.bake('bunny', bunny);
+  object = `/v1/objects/${(await daemon.json('/v1/models/bunny')).json.families.cluster.levels[2].object}`;
+});
+after(() => daemon?.stop());
+
+const get = (target) => `GET ${target} HTTP/1.1\r\nHost: x\r\n\r\n`;
+const count = (text, pattern) => (text.match(pattern) ?? []).length;
+
+// libmicrohttpd's own loop stalls when exactly 128 connections are ready at once; 127 and 129 were fine.
+test('no number of connections stalls', async () => {
+  const one = await Daemon.start({ flags: ['--loops', '1'] });
+  try {
+    for (const connections of [127, 128, 129, 256]) {
+      const sockets = await Promise.all(Array.from({ length: connections }, () => one.connect()));
+      const began = Date.now();
+      for (let round = 1; round <= 5; round++) {
+        for (const socket of sockets) socket.write(get('/healthz'));
+        await eventually(`round ${round} of ${connections}`, () => sockets.every((socket) => count(socket.text, /\r\n\r\nok\n/g) === round), 10);
+      }
+      assert.ok(Date.now() - began < 5000, `${connections}: ${Date.now() - began} ms`);
+      for (const socket of sockets) socket.destroy();
+    }
+  } finally {
+    await one.stop();
+  }
+});
+
+test('pipelined requests are all answered in order, however they are cut', async () => {
+  const socket = await daemon.connect();
+  const targets = ['/healthz', '/v1/models/bunny/level?error=1', '/nope', '/v1/models', '/healthz'];
+  const text = targets.map(get).join('');
+  for (let i = 0; i < text.length; i += 7) {
+    socket.write(text.slice(i, i + 7));
+    if (i % 5 === 0) await sleep(1);
+  }
+  await eventually('five answers', () => count(socket.text, /HTTP\/1\.1 /g) === 5);
+  assert.deepEqual(socket.text.match(/HTTP\/1\.1 \d+/g), ['HTTP/1.1 200', 'HTTP/1.1 200', 'HTTP/1.1 404', 'HTTP/1.1 200', 'HTTP/1.1 200']);
+  socket.destroy();
+});
+
+test('connection that drips its headers is cut, others are not', async () => {
+  const slow = await daemon.connect();
+  const began = Date.now();
+  const text = `GET /healthz HTTP/1.1\r\nHost: x\r\nX: ${'a'.repeat(200)}`;
+  let at = 0;
+  const timer = setInterval(() => slow.write(text[at++]), 250);
+  await Promise.race([slow.closed_, sleep(9000)]);
+  clearInterval(timer);
+  assert.ok(slow.isClosed);
+  const seconds = (Date.now() - began) / 1000;
+  assert.ok(seconds > 1.9 && seconds < 6, `${seconds} s`);
+  const text2 = String((await daemon.curl('/metrics')).body);
+  assert.match(text2, /connections_cut_total\{reason="headers"\} [1-9]/);
+});
+
+test('drip after the request line is cut too', async () => {
+  const slow = await daemon.connect();
+  slow.write('GET /healthz HTTP/1.1\r\nHost: x\r\n');
+  const timer = setInterval(() => slow.write('a: b\r\n'), 300);
+  await Promise.race([slow.closed_, sleep(9000)]);
+  clearInterval(timer);
+  assert.ok(slow.isClosed);
+});
+
+test('idle connection is closed, and one that asks now and then is kept', async () => {
+  const idle = await daemon.connect();
+  const busy = await daemon.connect();
+  idle.write(get('/healthz'));
+  for (let i = 0; i < 7; i++) {
+    busy.write(get('/healthz'));
+    await sleep(1000);
+  }
+  assert.ok(idle.isClosed);
+  assert.ok(!busy.isClosed);
+  assert.equal(count(busy.text, /\r\n\r\nok\n/g), 7);
+  busy.destroy();
+});
+
+test('reader that trickles is cut, and one that reads steadily is not', async () => {
+  const trickle = await daemon.connect({ readableHighWaterMark: 1024 });
+  trickle.pause();
+  for (let i = 0; i < 4; i++) trickle.write(get(object)); // more than the kernel's buffers hold
+  await eventually('a slow reader is cut', async () => /connections_cut_total\{reason="slow-reader"\} [1-9]/.test(String((await daemon.curl('/metrics')).body)), 12);
+  trickle.destroy();
+  const steady = await daemon.curl(object, ['--limit-rate', '600K']);
+  assert.equal(steady.exit, 0, steady.errors);
+  assert.equal(steady.body.length, size);
+});
+
+test('sender that trickles its upload is cut', async () => {
+  const slow = await daemon.connect();
+  slow.write('PUT /v1/models/slow HTTP/1.1\r\nHost: x\r\nContent-Length: 100000\r\n\r\n');
+  const timer = setInterval(() => slow.write('x'), 200);
+  await Promise.race([slow.closed_, sleep(12000)]);
+  clearInterval(timer);
+  assert.ok(slow.isClosed);
+  assert.equal((await daemon.curl('/v1/models/slow')).status, 404);
+});
+
+test('stream of events is not cut while it waits', async () => {
+  const { headers } = await daemon.curl('/v1/models/patient', ['-T', '-'], JSON.stringify({ ...bunny, steps: 1, step_ms: 6000 }));
+  const { exit, body } = await daemon.curl(`${headers.location}/events`);
+  assert.equal(exit, 0);
+  assert.match(String(body), /"state":"done"/);
+});
+
+test('whole bodies and ranges are right under load', async () => {
+  const hash = object.slice('/v1/objects/'.length);
+  const whole = (await daemon.curl(object)).body;
+  await Promise.all(Array.from({ length: 8 }, async (_, worker) => {
+    for (let i = 0; i < 6; i++) {
+      if ((worker + i) % 2) {
+        assert.equal(createHash('sha256').update((await daemon.curl(object)).body).digest('hex'), hash);
+      } else {
+        const first = (worker * 7919 + i * 104729) % size;
+        const last = Math.min(size - 1, first + 70000 * (i + 1));
+        const { body } = await daemon.curl(object, ['-r', `${first}-${last}`]);
+        assert.ok(body.equals(whole.subarray(first, last + 1)));
+      }
+    }
+  }));
+});
+
+test('clients that leave in the middle of a body leave nothing behind', async () => {
+  for (let i = 0; i < 30; i++) {
+    const socket = await daemon.connect();
+    socket.write(get(object));
+    await eventually('some bytes', () => socket.text.length > 100);
+    socket.destroy();
+  }
+  await eventually('one connection', async () => (await daemon.metric('lodestream_http_connections')) === 1, 5);
+});
+
+test('connections over the limit wait and are served when others close', async () => {
+  const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4'] });
+  try {
+    const held = await Promise.all(Array.from({ length: 4 }, () => small.connect()));
+    for (const socket of held) socket.write(get('/healthz'));
+    await eventually('four answers', () => held.every((socket) => socket.text.includes('ok')));
+    const waiting = await small.connect();
+    waiting.write(get('/healthz'));
+    await sleep(300);
+    assert.equal(waiting.text, '');
+    held[0].destroy();
+    await eventually('the fifth is answered', () => waiting.text.includes('ok'), 5);
+    for (const socket of [...held, waiting]) socket.destroy();
+  } finally {
+    assert.deepEqual(await small.stop(), { code: 0, signal: null });
+  }
+});
+
+test('SIGTERM with idle connections, streams and the limit reached ends at once', async () => {
+  const busy = await Daemon.start({ flags: ['--loops', '2', '--connections', '20'] });
+  const { headers } = await busy.curl('/v1/models/m', ['-T', '-'], JSON.stringify({ ...bunny, behave: 'hang' }));
+  const sockets = await Promise.all(Array.from({ length: 24 }, () => busy.connect()));
+  sockets.forEach((socket, i) => socket.write(get(i % 2 ? '/healthz' : `${headers.location}/events`)));
+  await eventually('most are answered', () => sockets.filter((socket) => socket.text.includes('HTTP/1.1 200')).length >= 16);
+  const began = Date.now();
+  const how = await busy.stop();
+  assert.deepEqual(how, { code: 0, signal: null });
+  assert.ok(Date.now() - began < 5000, `${Date.now() - began} ms`);
+});
+
+test('SIGTERM lets answers in progress finish and takes no new connection', async () => {
+  const draining = await Daemon.start();
+  await draining.bake('bunny', bunny);
+  const level = '/v1/models/bunny/level?error=0.01&family=cluster';
+  const slow = draining.curl(level, ['--limit-rate', '2M']);
+  await eventually('it is sent', async () => (await draining.metric('lodestream_http_connections')) >= 2);
+  await sleep(200);
+  const stopped = draining.stop();
+  await sleep(300);
+  const refused = await curl(`${draining.url}/healthz`);
+  assert.equal(refused.status, 0);
+  assert.notEqual(refused.exit, 0);
+  const { status, body, exit } = await slow;
+  assert.equal(exit, 0);
+  assert.equal(status, 200);
+  assert.equal(body.length, size);
+  assert.deepEqual(await stopped, { code: 0, signal: null });
+});
+
+test('drain has an end', async () => {
+  const stuck = await Daemon.start({ flags: ['--drain-seconds', '1'] });
+  await stuck.bake('bunny', bunny);
+  const reader = await stuck.connect({ readableHighWaterMark: 1024 });
+  reader.pause();
+  for (let i = 0; i < 4; i++) reader.write(get('/v1/models/bunny/level?error=0.01&family=cluster'));
+  await sleep(300);
+  const began = Date.now();
+  const how = await stuck.stop();
+  assert.deepEqual(how, { code: 0, signal: null });
+  assert.ok(Date.now() - began > 900 && Date.now() - began < 6000, `${Date.now() - began} ms`);
+  reader.destroy();
+});
+
+test('models, jobs and their numbers outlive a restart', async () => {
+  const directory = makeDirectory();
+  const first = await Daemon.start({ store: `${directory}/store` });
+  await first.bake('kept', bunny);
+  const before = await first.curl('/v1/models/kept');
+  await first.stop();
+  const second = await Daemon.start({ store: `${directory}/store` });
+  const again = await second.curl('/v1/models/kept');
+  assert.deepEqual(again.body, before.body);
+  assert.equal(again.headers.etag, before.headers.etag);
+  await second.stop();
+  fs.rmSync(directory, { recursive: true });
+});
+
+test('second daemon on the same port or store is refused', async () => {
+  await assert.rejects(Daemon.start({ flags: ['--listen', `127.0.0.1:${daemon.port}`] }), /cannot listen/);
+  await assert.rejects(Daemon.start({ store: daemon.store }), /lodestreamd ended/);
+});
+
+test('not HTTP at all is refused and closed', async () => {
+  for (const text of ['\x16\x03\x01\x02\x00garbage\r\n\r\n', 'GET\r\n\r\n', 'GET / HTTP/9.9\r\n\r\n', '\0\0\0\0\r\n\r\n', 'PUT /v1/models/x HTTP/1.1\r\nHost: x\r\nContent-Length: -5\r\n\r\n']) {
+    const socket = await daemon.connect();
+    socket.write(text, 'latin1');
+    await eventually(JSON.stringify(text), () => socket.isClosed, 8);
+    const { status } = parse(Buffer.from(socket.text, 'latin1'));
+    assert.ok(status === 0 || status >= 400, socket.text);
+  }
+  assert.equal((await daemon.curl('/healthz')).status, 200);
+});
