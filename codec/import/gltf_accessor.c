@@ -239,6 +239,15 @@ static enum lod_status check_type(struct lod_gltf_document *document, uint32_t i
   return LOD_OK;
 }
 
+enum lod_status lod_gltf_check_fits(struct lod_gltf_document *document, uint32_t index) {
+  const struct lod_gltf_accessor *accessor = &document->gltf.accessors[index];
+  struct elements from;
+  size_t element = component_size(accessor->component) * (size_t)accessor->components;
+  if (accessor->view < 0 || element == 0)
+    return LOD_OK;
+  return find_elements(document, index, accessor->view, accessor->offset, accessor->count, element, false, &from);
+}
+
 enum lod_status lod_gltf_read_floats(struct lod_gltf_document *document, uint32_t index, int components, bool as_normalized, float **values) {
   const struct lod_gltf_accessor *accessor = &document->gltf.accessors[index];
   struct lod_reader *reader = document->reader;

@@ -44,6 +44,9 @@ LOD_WARN_UNUSED enum lod_status lod_gltf_index(struct lod_gltf_document *documen
 
 LOD_WARN_UNUSED enum lod_status lod_gltf_view_bytes(struct lod_gltf_document *document, uint32_t view, const uint8_t **bytes, size_t *size);
 
+/* That the bytes of an accessor exist ("truncated"); before its count is held against a limit, so that the better sentence wins. */
+LOD_WARN_UNUSED enum lod_status lod_gltf_check_fits(struct lod_gltf_document *document, uint32_t accessor);
+
 /* Values as floats, `components` each, scaled by glTF's rule where normalised (or where `as_normalized` says so whatever the accessor says).
  * The accessor must have `components` per element. *values in reader->scratch; the caller has counted accessor.count against a limit. */
 LOD_WARN_UNUSED enum lod_status lod_gltf_read_floats(struct lod_gltf_document *document, uint32_t accessor, int components, bool as_normalized,

@@ -98,6 +98,8 @@ static enum lod_status read_positions(struct source *source, struct decoded *out
   const struct lod_gltf_accessor *accessor = &document->gltf.accessors[source->primitive->position];
   uint64_t count = source->draco_names ? source->draco.point_count : accessor->count;
   float *positions;
+  if (!source->draco_names)
+    LOD_TRY(lod_gltf_check_fits(document, (uint32_t)source->primitive->position));
   LOD_TRY(lod_reader_add_vertices(document->reader, count));
   if (accessor->component == LOD_GLTF_UINT)
     return bad(source, "bad-accessor", "has positions of 32-bit integers");
@@ -327,6 +329,8 @@ static enum lod_status read_elements(struct source *source, struct decoded *out)
   uint64_t index_count = indexed ? document->gltf.accessors[primitive->indices].count : mesh->vertex_count;
   uint64_t count = element_count(primitive->mode, index_count);
   uint32_t *indices = NULL;
+  if (indexed)
+    LOD_TRY(lod_gltf_check_fits(document, (uint32_t)primitive->indices));
   LOD_TRY(lod_reader_add_triangles(document->reader, count));
   /* Counts beyond what elements need (two indices of a triangle) are bounded with them. */
   if (indexed && index_count > 3 * (count + 1))

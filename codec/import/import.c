@@ -80,7 +80,7 @@ enum lod_status lod_reader_progress(struct lod_reader *reader, double fraction) 
   return LOD_OK;
 }
 
-/* The last rule that matches a format wins over none: what is not listed goes to assimp. */
+/* What is not listed goes to assimp. */
 static const struct {
   const char *format;
   enum lod_status (*read)(struct lod_reader *reader);
@@ -105,7 +105,7 @@ static enum lod_status read_with(struct lod_reader *reader) {
   if (is_patch_format(reader->format))
     return lod_reader_fail(reader, LOD_UNSUPPORTED, "unsupported-format", "curved patches (%s) are not imported as triangles",
                            reader->format);
-  return lod_reader_fail(reader, LOD_UNSUPPORTED, "unsupported-format", "%s", reader->format);
+  return lod_import_assimp(reader);
 }
 
 static enum lod_status import_with_scratch(struct lod_reader *reader, struct lod_model *model) {
@@ -121,7 +121,8 @@ static enum lod_status import_with_scratch(struct lod_reader *reader, struct lod
                            "neither the content nor the name says which format this is; expected glTF, PLY, STL, OBJ, OFF, FBX, ...");
   LOD_TRY(read_with(reader));
   LOD_TRY(lod_reader_progress(reader, 0.5));
-  LOD_TRY(lod_scene_finish(reader->scene, reader->vertices, reader->name, model, reader->problem));
+  uint64_t source_vertices = reader->source_vertices ? reader->source_vertices : reader->vertices;
+  LOD_TRY(lod_scene_finish(reader->scene, source_vertices, reader->name, model, reader->problem));
   model->format = lod_arena_copy(reader->arena, reader->format, strlen(reader->format));
   if (!model->format)
     return lod_reader_memory(reader);

@@ -24,6 +24,7 @@ struct lod_reader {
 
   /* Counted against the limits so far. */
   uint64_t bytes_read, vertices, triangles, instances;
+  uint64_t source_vertices; /* as the file counts them, where that is not `vertices`; 0 = it is */
 };
 
 enum lod_status lod_import_gltf(struct lod_reader *reader);

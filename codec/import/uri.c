@@ -122,7 +122,10 @@ static enum lod_status open_checked(struct lod_reader *reader, const char *path,
   if (!reader->files)
     return lod_reader_bad(reader, "missing-file", "refers to '%.200s', but the model came without further files; expected a self-contained file",
                           original);
-  LOD_TRY(reader->files->read(reader->files->context, path, arena, bytes, size, reader->problem));
+  struct lod_problem problem = {0};
+  enum lod_status status = reader->files->read(reader->files->context, path, arena, bytes, size, &problem);
+  if (status != LOD_OK)
+    return lod_reader_fail(reader, status, problem.type, "%s", problem.detail);
   return lod_reader_add_bytes(reader, *size);
 }
 
@@ -180,6 +183,8 @@ enum lod_status lod_reader_open_optional(struct lod_reader *reader, const char *
   *bytes = NULL;
   if (strcmp(local.type, "missing-file") != 0 && strcmp(local.type, "bad-uri") != 0)
     return lod_fail(outer, status, local.type, "%s", local.detail);
+  if (!is_uri && name[0] == '.' && name[1] == '/')
+    name += 2;
   lod_scene_warn(reader->scene, "'%.200s', which the model refers to, could not be read and was left out.", name);
   return LOD_OK;
 }
