@@ -85,22 +85,31 @@ static struct big multiply(const struct big *a, const struct big *b) {
   return r;
 }
 
-/* x * 2^1074, which is an integer for every finite double. */
-static struct big from_double(double x) {
+/* x / 2^base, which must be an integer. */
+static struct big from_double(double x, int base) {
   int exponent;
   int64_t mantissa = (int64_t)ldexp(frexp(fabs(x), &exponent), 53);
-  struct big r = {.sign = x > 0 ? 1 : x < 0 ? -1 : 0, .size = 70};
-  memset(r.limbs, 0, 70 * sizeof *r.limbs);
-  int shift = exponent - 53 + 1074;
-  if (x != 0 && shift < 0) {
-    mantissa >>= -shift; /* subnormal: those bits are zero */
-    shift = 0;
-  }
+  int shift = exponent - 53 - base;
+  struct big r = {.sign = x > 0 ? 1 : x < 0 ? -1 : 0, .size = x != 0 ? (shift + 53) / 32 + 1 : 0};
+  assert_true(x == 0 || (shift >= 0 && r.size <= LIMBS));
+  memset(r.limbs, 0, (size_t)r.size * sizeof *r.limbs);
   for (int bit = 0; x != 0 && bit < 53; bit++)
     if (mantissa >> bit & 1)
       r.limbs[(bit + shift) / 32] |= 1u << (bit + shift) % 32;
   trim(&r);
   return r;
+}
+
+/* The largest base with which all coordinates are integers for sure. */
+static int common_base(const double *const *points, int count, int dimension) {
+  int base = 2000;
+  for (int i = 0; i < count; i++)
+    for (int k = 0; k < dimension; k++) {
+      int exponent;
+      if (frexp(points[i][k], &exponent) != 0 && exponent - 53 < base)
+        base = exponent - 53;
+    }
+  return base;
 }
 
 static struct big minor2(const struct big *a, const struct big *b, const struct big *c, const struct big *d) {
@@ -118,33 +127,36 @@ static int determinant3(struct big m[3][3]) {
   return sum.sign;
 }
 
-static void differences(const double *a, const double *origin, int dimension, struct big *out) {
+static void differences(const double *a, const double *origin, int dimension, int base, struct big *out) {
   for (int k = 0; k < dimension; k++) {
-    struct big x = from_double(a[k]), o = from_double(origin[k]);
+    struct big x = from_double(a[k], base), o = from_double(origin[k], base);
     out[k] = subtract(&x, &o);
   }
 }
 
 static int true_orient2d(const double a[2], const double b[2], const double c[2]) {
+  int base = common_base((const double *const[3]){a, b, c}, 3, 2);
   struct big u[2], v[2];
-  differences(a, c, 2, u);
-  differences(b, c, 2, v);
+  differences(a, c, 2, base, u);
+  differences(b, c, 2, base, v);
   return minor2(&u[0], &u[1], &v[0], &v[1]).sign;
 }
 
 static int true_orient3d(const double a[3], const double b[3], const double c[3], const double d[3]) {
+  int base = common_base((const double *const[4]){a, b, c, d}, 4, 3);
   struct big m[3][3];
-  differences(b, a, 3, m[0]);
-  differences(c, a, 3, m[1]);
-  differences(d, a, 3, m[2]);
+  differences(b, a, 3, base, m[0]);
+  differences(c, a, 3, base, m[1]);
+  differences(d, a, 3, base, m[2]);
   return determinant3(m);
 }
 
 static int true_incircle(const double a[2], const double b[2], const double c[2], const double d[2]) {
-  const double *const abc[3] = {a, b, c};
+  const double *const points[4] = {a, b, c, d};
+  int base = common_base(points, 4, 2);
   struct big m[3][3];
   for (int i = 0; i < 3; i++) {
-    differences(abc[i], d, 2, m[i]);
+    differences(points[i], d, 2, base, m[i]);
     struct big xx = multiply(&m[i][0], &m[i][0]), yy = multiply(&m[i][1], &m[i][1]);
     m[i][2] = add(&xx, &yy);
   }
