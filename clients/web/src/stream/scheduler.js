@@ -19,7 +19,7 @@ const HYSTERESIS = 0.1;
  * @returns {{chosen: number[], cost: number, benefit: number}} chosen[i]: index into objects[i].levels, -1 = not drawn
  */
 export function scheduleLevels(objects, budget) {
-  const hulls = objects.map(benefitHull);
+  const hulls = objects.map((object) => benefitHull(object, budget));
   const chosen = objects.map(() => -1);
   const steps = hulls.flatMap((hull, object) =>
     hull.map((point, i) => ({ object, i, point, gain: point.benefit - (hull[i - 1]?.benefit ?? 0), cost: point.cost - (hull[i - 1]?.cost ?? 0) })),
@@ -39,22 +39,22 @@ export function scheduleLevels(objects, budget) {
     benefit += step.gain;
     chosen[step.object] = step.point.index;
   }
-  return better(hulls, chosen, cost, benefit, budget);
+  return better(hulls, chosen, cost, benefit);
 }
 
 /** One valuable object too large for what the greedy choice left over: alone it may be worth more than all of that (the guarantee of one half). */
-function better(hulls, chosen, cost, benefit, budget) {
+function better(hulls, chosen, cost, benefit) {
   let best = null;
   hulls.forEach((hull, object) => {
-    for (const point of hull) if (point.cost <= budget && point.benefit > (best?.point.benefit ?? benefit)) best = { object, point };
+    for (const point of hull) if (point.benefit > (best?.point.benefit ?? benefit)) best = { object, point };
   });
   if (!best) return { chosen, cost, benefit };
   const alone = chosen.map((_, object) => (object === best.object ? best.point.index : -1));
   return { chosen: alone, cost: best.point.cost, benefit: best.point.benefit };
 }
 
-/** Levels on the upper convex hull of (cost, benefit) through the origin, by rising cost: {index, cost, benefit}. */
-function benefitHull(object) {
+/** Levels within the budget on the upper convex hull of (cost, benefit) through the origin, by rising cost: {index, cost, benefit}. */
+function benefitHull(object, budget) {
   const weight = object.pixels * (object.importance ?? 1) * (object.focus ?? 1) * (object.motion ?? 1);
   const points = object.levels
     .map((level, index) => {
@@ -62,6 +62,7 @@ function benefitHull(object) {
       const hysteresis = object.current === index ? 1 + HYSTERESIS : 1;
       return { index, cost: Math.max(level.triangles, 1), benefit: (weight * hysteresis) / (1 + px) };
     })
+    .filter((point) => point.cost <= budget)
     .sort((a, b) => a.cost - b.cost || b.benefit - a.benefit);
   const hull = [];
   for (const point of points) {

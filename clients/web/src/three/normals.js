@@ -2,15 +2,19 @@
  * Vertex normals for triangles that came without: smooth where the surface is smooth, split where it has a crease.
  *
  * One fixed crease angle cannot serve every level: a scan of 200 triangles bends by 40 degrees at every edge and still stands for a smooth
- * surface, a machined part has edges of 30 degrees that must stay sharp. The typical bend tells the two apart: it is near 0 where most
- * edges lie inside flat faces and grows with the coarseness of a curved surface. So the crease angle follows the median bend, within
- * limits. Corners of one vertex share a normal when they can be reached over edges bent less than the crease angle; each is weighted by its
- * angle (Thuermer, Wuethrich. Computing Vertex Normals from Polygonal Facets. 1998).
+ * surface, a machined part has edges of 40 degrees that must stay sharp. The distribution of bends tells them apart. Where faces were meant to be
+ * flat, many edges bend far less than the others and the crease angle is small; where all edges bend alike, the surface is curved and the
+ * crease angle follows the median, which grows with coarseness. Corners of one vertex share a normal when they can be reached over edges
+ * bent less than the crease angle; each is weighted by its angle (Thuermer, Wuethrich. Computing Vertex Normals from Polygonal
+ * Facets. 1998).
  */
 
 const CREASE_MIN = 38;
 const CREASE_MAX = 100;
 const CREASE_PER_MEDIAN = 4;
+/* Flat is what bends less than this part of the edges that bend most; decoded positions lie on a grid, so flat faces are not quite flat. */
+const FLAT_PART = 0.2;
+const FLAT_SHARE = 0.25;
 
 /**
  * @param {ArrayLike<number>} positions 3 a vertex
@@ -31,17 +35,17 @@ export function computeCreasedNormals(positions, index, options = {}) {
 
 /** @param {{bend: number, length: number}[]} bends degrees and lengths of the edges with two faces */
 export function creaseAngle(bends) {
-  if (!bends.length) return CREASE_MIN;
   const sorted = [...bends].sort((a, b) => a.bend - b.bend);
-  const half = sorted.reduce((sum, b) => sum + b.length, 0) / 2;
-  let sum = 0;
-  let median = 0;
-  for (const { bend, length } of sorted) {
-    sum += length;
-    median = bend;
-    if (sum >= half) break;
-  }
-  return Math.min(CREASE_MAX, Math.max(CREASE_MIN, CREASE_PER_MEDIAN * median));
+  const total = sorted.reduce((sum, b) => sum + b.length, 0);
+  if (!(total > 0)) return CREASE_MIN;
+  const quantile = (part) => {
+    let sum = 0;
+    return sorted.find((b) => (sum += b.length) >= part * total).bend;
+  };
+  const much = quantile(0.8);
+  const flat = sorted.reduce((sum, b) => sum + (b.bend < FLAT_PART * much ? b.length : 0), 0);
+  if (flat > FLAT_SHARE * total) return CREASE_MIN;
+  return Math.min(CREASE_MAX, Math.max(CREASE_MIN, CREASE_PER_MEDIAN * quantile(0.5)));
 }
 
 /** Per corner the first vertex with the same position: attributes split vertices that the surface does not. */
