@@ -12,6 +12,7 @@ const FOV = 45;
 const FADE_SECONDS = 0.28;
 const FLY_SECONDS = 0.5;
 const PIXEL_RATIO_MAX = 2;
+const ENVIRONMENT_SIZE = 64; /* pixels a side: light, not a mirror; larger ones take seconds to filter without a GPU */
 const KEY_TURN = Math.PI / 24;
 /** Eye directions, model standing upright: a little from the right and from above. */
 const FIRST_LOOK = new Vector3(0.42, 0.3, 1).normalize();
@@ -62,7 +63,7 @@ export class View {
   light() {
     const room = new RoomEnvironment();
     const generator = new PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(room, 0.04).texture;
+    this.scene.environment = generator.fromScene(room, 0.04, 0.1, 100, { size: ENVIRONMENT_SIZE }).texture;
     this.scene.environmentIntensity = 0.5;
     generator.dispose();
     room.dispose?.();
