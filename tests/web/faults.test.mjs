@@ -45,8 +45,8 @@ test('a server that is down is said to be down, and found again when it is back'
 
 test('a level that breaks off is said so, asked for again, and arrives', TEST, () =>
   withMock({}, [sphere()], async (mock, page) => {
-    let breaks = 2;
-    mock.broken = (request, url) => url.pathname.endsWith('/level') && breaks-- > 0;
+    let cuts = 2;
+    mock.cut = () => cuts-- > 0;
     await page.goto(mock.url);
     await page.getByRole('alert').waitFor();
     assert.match(await page.getByRole('alert').textContent(), /^Level \d did not arrive: .* It is asked for again\./);

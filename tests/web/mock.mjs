@@ -42,7 +42,8 @@ export class Mock {
     this.requests = [];
     this.uploads = [];
     this.sockets = new Set();
-    this.broken = () => false;
+    this.broken = () => false; // true: this request gets no answer
+    this.cut = () => false; // true: this level breaks off half way
     this.bake = null;
   }
 
@@ -124,7 +125,10 @@ export class Mock {
       'content-type': level.type, 'content-length': bytes.length, etag: `"${level.object}"`, 'content-location': `${this.prefix}/v1/objects/${level.object}`,
       'lod-family': 'cluster', 'lod-level': level.level, 'lod-error': level.error, 'lod-triangles': level.triangles,
     });
-    return response.end(bytes);
+    if (!this.cut(url)) return response.end(bytes);
+    response.write(bytes.subarray(0, bytes.length >> 1));
+    setTimeout(() => request.socket.destroy(), 30);
+    return undefined;
   }
 
   object(response, sha256) {

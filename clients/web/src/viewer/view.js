@@ -3,16 +3,15 @@
  */
 
 import {
-  DirectionalLight, Group, HemisphereLight, NeutralToneMapping, PerspectiveCamera, PMREMGenerator, Scene, Vector3, WebGLRenderer,
+  DirectionalLight, Group, NeutralToneMapping, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
-import { RoomEnvironment } from 'three/addons/environments/RoomEnvironment.js';
+import { studioEnvironment } from '../three/studio.js';
 
 const FOV = 45;
 const FADE_SECONDS = 0.28;
 const FLY_SECONDS = 0.5;
 const PIXEL_RATIO_MAX = 2;
-const ENVIRONMENT_SIZE = 64; /* pixels a side: light, not a mirror; larger ones take seconds to filter without a GPU */
 const KEY_TURN = Math.PI / 24;
 /** Eye directions, model standing upright: a little from the right and from above. */
 const FIRST_LOOK = new Vector3(0.42, 0.3, 1).normalize();
@@ -29,7 +28,7 @@ export class View {
     this.options = options;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: 'high-performance' });
     this.renderer.toneMapping = NeutralToneMapping;
-    this.renderer.toneMappingExposure = 1.05;
+    this.renderer.toneMappingExposure = 1.15;
     this.renderer.setClearColor(0x000000, 0);
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(FOV, 1, 0.01, 100);
@@ -61,18 +60,12 @@ export class View {
   }
 
   light() {
-    const room = new RoomEnvironment();
-    const generator = new PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(room, 0.04, 0.1, 100, { size: ENVIRONMENT_SIZE }).texture;
-    this.scene.environmentIntensity = 0.5;
-    generator.dispose();
-    room.dispose?.();
+    this.scene.environment = studioEnvironment();
     // A lamp over the viewer's left shoulder goes with the camera: shape is readable from every side.
-    const key = new DirectionalLight(0xffffff, 2.4);
+    const key = new DirectionalLight(0xffffff, 1.5);
     key.position.set(-0.9, 1.1, 0.7);
     this.camera.add(key, key.target);
     key.target.position.set(0, 0, -1);
-    this.scene.add(new HemisphereLight(0xffffff, 0x8d8880, 0.2));
   }
 
   resize() {
