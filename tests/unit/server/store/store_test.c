@@ -591,12 +591,18 @@ static void a_kill_at_any_moment_loses_nothing_acknowledged(void **state) {
       commit_until_killed(fixture, pipe_fds[1], acknowledged + 1);
     }
     close(pipe_fds[1]);
+    unsigned number;
+    if (round % 3 != 0) { /* else the start is hit as well */
+      assert_int_equal(read(pipe_fds[0], &number, sizeof number), sizeof number);
+      acknowledged = number;
+      moved++;
+    }
     nanosleep(&(struct timespec){.tv_nsec = 2000000 + rand() % 60000000}, NULL);
     kill(child, SIGKILL);
     int status;
     assert_int_equal(waitpid(child, &status, 0), child);
     assert_true(WIFSIGNALED(status));
-    for (unsigned number; read(pipe_fds[0], &number, sizeof number) == sizeof number; moved++)
+    for (; read(pipe_fds[0], &number, sizeof number) == sizeof number; moved++)
       acknowledged = number;
     close(pipe_fds[0]);
     fixture->bakes += 100000; /* folder names that the killed process did not use */
@@ -605,7 +611,7 @@ static void a_kill_at_any_moment_loses_nothing_acknowledged(void **state) {
     acknowledged = newest > acknowledged ? newest : acknowledged;
     assert_true(count_objects(fixture) <= 5); /* no orphan is left after reopening */
   }
-  assert_true(moved > 30); /* the kills did hit commits, not only the start */
+  assert_true(moved >= 20); /* the kills did hit commits, not only the start */
 }
 
 /* ---- a full disk ---- */
