@@ -94,7 +94,7 @@ static void tell(struct lod_jobs *jobs, uint64_t number) {
 }
 
 __attribute__((format(printf, 2, 3))) static void say(struct lod_jobs *jobs, const char *format, ...) {
-  char line[LOD_WATCH_LOG_BYTES];
+  char line[LOD_WATCH_LOG_BYTES + 1024];
   va_list arguments;
   va_start(arguments, format);
   vsnprintf(line, sizeof line, format, arguments);
@@ -445,10 +445,13 @@ static void settle(struct job *job, struct lod_watch_result *result) {
   }
 }
 
-static void log_failure(struct lod_jobs *jobs, const struct lod_job *job, const struct lod_watch_result *result) {
+/* What a person should know of: a failure, and whatever the worker wrote (its jail's warnings among it). */
+static void log_end(struct lod_jobs *jobs, const struct lod_job *job, const struct lod_watch_result *result) {
+  const char *lead = result->log[0] == 0 ? "" : "; the worker wrote: ";
   if (job->state == LOD_JOB_FAILED)
-    say(jobs, "job %" PRIu64 " (%s) failed: %s: %s%s%s", job->number, job->id, job->problem.type, job->problem.detail,
-        result->log[0] == 0 ? "" : "\nthe worker wrote: ", result->log);
+    say(jobs, "job %" PRIu64 " (%s) failed: %s: %s%s%s", job->number, job->id, job->problem.type, job->problem.detail, lead, result->log);
+  else if (result->log[0] != 0)
+    say(jobs, "job %" PRIu64 " (%s)%s%s", job->number, job->id, lead, result->log);
 }
 
 static void finish_job(struct runner *runner, struct job *job, struct lod_watch_result *result) {
@@ -466,7 +469,7 @@ static void finish_job(struct runner *runner, struct job *job, struct lod_watch_
     remove_files(jobs, number);
   else
     lod_remove_tree(jobs->work_fd, name_of(number).text);
-  log_failure(jobs, &after.facts, result);
+  log_end(jobs, &after.facts, result);
   pthread_mutex_lock(&jobs->mutex);
   job->facts = after.facts;
   job->attempts = after.attempts;
