@@ -31,8 +31,7 @@ enum lod_rule {
   LOD_RULE_ERROR,     /* fewest bytes with error <= limit; none fits: least error */
   LOD_RULE_BYTES,     /* least error with bytes <= limit; none fits: fewest bytes */
   LOD_RULE_TRIANGLES, /* least error with triangles <= limit; none fits: fewest triangles */
-  LOD_RULE_CELL, /* Low & Tan: the largest cell not over limit (= X * R); none fits: least error. Levels without a cell do not take part
-                    unless none has one */
+  LOD_RULE_CELL,      /* Low & Tan: the largest cell not over limit (= X * R); none fits, or none has a cell: least error of all */
 };
 
 /* Index of the chosen level of count >= 1 levels in any order. Ties: fewer bytes, then less error, then the earlier one.
