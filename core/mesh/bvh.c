@@ -1,7 +1,8 @@
-/* Builds the packed tree of bvh_tree.h: sort by Hilbert key, then boxes bottom-up.
+/* Builds the packed tree of bvh_tree.h: median splits along the longest axis of the centres (a balanced kd-tree, so that it packs without
+ * gaps), then boxes bottom-up. Half the node visits of a Hilbert-packed tree, measured on scans, for a third more building.
  *
- * Based on: Kamel, Faloutsos. Hilbert R-tree: an improved R-tree using fractals. 1994 (packing along the curve); keys after Hamilton,
- * Rau-Chaplin. Compact Hilbert indices. 2008. A packed tree needs no top-down splitting, so building is a sort and one sweep. */
+ * Based on: Floyd, Rivest. Expected time bounds for selection. 1975 (bracketing the median from a sample); partitioning without branches
+ * after Edelkamp, Weiss. BlockQuicksort. 2016. */
 #include "core/mesh/bvh.h"
 
 #include <assert.h>
@@ -11,171 +12,198 @@
 #include "core/mesh/bvh_tree.h"
 
 enum {
-  KEY_LEVELS = 16, /* bits an axis: 48-bit keys */
-  DIGIT_BITS = 12, /* four passes */
-  DIGITS = 1 << DIGIT_BITS,
-  SORT_GRAIN = 1 << 16,
-  NODE_GRAIN = 1 << 11,
-  KEY_TABLE = 24 * 64, /* orientations x two levels of octants */
+  GRAIN = 1 << 14,      /* primitives a chunk */
+  NODE_GRAIN = 1 << 11, /* nodes a chunk */
+  SEGMENT = 1 << 13,    /* primitives that one thread orders alone; a power of 2 */
+  INSERTION = 12,       /* entries that are sorted rather than selected */
 };
 
-struct sort_entry {
-  uint64_t key;
+struct entry {
+  float centre[3];
   uint32_t primitive;
-};
-
-/* Two levels of octants at once: index orientation * 64 + octants, value next orientation * 64 | two curve digits. */
-struct key_table {
-  uint16_t steps[KEY_TABLE];
 };
 
 struct build {
   const struct lod_mesh *mesh;
   struct lod_bvh *bvh;
-  const struct key_table *table;
-  double origin[3], scale;
-  struct sort_entry *from, *to;
-  uint32_t *histograms; /* chunks x DIGITS */
-  int shift;
+  struct entry *entries;
+  uint64_t segment; /* primitives a segment, a power of 2 */
   uint32_t level;
-  struct lod_bounds *chunk_bounds;
 };
 
-static uint32_t rotate_left3(uint32_t x, uint32_t by) {
-  by %= 3;
-  return (x << by | x >> (3 - by)) & 7;
+static inline float smaller(float a, float b) {
+  return a < b ? a : b;
+}
+static inline float larger(float a, float b) {
+  return a > b ? a : b;
 }
 
-static uint32_t trailing_ones(uint32_t x) {
-  uint32_t count = 0;
-  while (x >> count & 1)
-    count++;
-  return count;
-}
-
-/* One step of the curve: in orientation (entry, direction), octant -> digit and next orientation (Hamilton's T, gc, e and d). */
-static uint32_t key_step(uint32_t orientation, uint32_t octant, uint32_t *next) {
-  uint32_t entry = orientation / 3, direction = orientation % 3;
-  uint32_t turned = rotate_left3(octant ^ entry, 3 - (direction + 1) % 3);
-  uint32_t digit = turned ^ turned >> 1 ^ turned >> 2;
-  uint32_t before = digit == 0 ? 0 : (digit - 1) & ~1u;
-  uint32_t child_entry = before ^ before >> 1;
-  uint32_t child_direction = digit == 0 ? 0 : trailing_ones(digit & 1 ? digit : digit - 1) % 3;
-  *next = (entry ^ rotate_left3(child_entry, direction + 1)) * 3 + (direction + child_direction + 1) % 3;
-  return digit;
-}
-
-static void fill_key_table(struct key_table *table) {
-  for (uint32_t orientation = 0; orientation < 24; orientation++) {
-    for (uint32_t octants = 0; octants < 64; octants++) {
-      uint32_t middle, last;
-      uint32_t high = key_step(orientation, octants >> 3, &middle);
-      uint32_t low = key_step(middle, octants & 7, &last);
-      table->steps[orientation * 64 + octants] = (uint16_t)(last << 6 | high << 3 | low);
-    }
-  }
-}
-
-/* Bits of a 16-bit number, three places apart. */
-static uint64_t spread(uint32_t x) {
-  uint64_t v = x;
-  v = (v | v << 16) & 0x0000ff0000ffu;
-  v = (v | v << 8) & 0x00f00f00f00fu;
-  v = (v | v << 4) & 0x0c30c30c30c3u;
-  return (v | v << 2) & 0x249249249249u;
-}
-
-static uint64_t hilbert_key(const struct key_table *table, const uint32_t cell[3]) {
-  uint64_t octants = spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2;
-  uint64_t key = 0;
-  uint32_t orientation = 0;
-  for (int shift = 3 * KEY_LEVELS - 6; shift >= 0; shift -= 6) {
-    uint32_t step = table->steps[orientation << 6 | (octants >> shift & 63)];
-    key = key << 6 | (step & 63);
-    orientation = step >> 6;
-  }
-  return key;
-}
-
-static void gather(const struct lod_mesh *mesh, uint32_t primitive, float corners[3][3]) {
+/* Box of a primitive. (fminf would care for NaN, which coordinates are not.) */
+static inline void bound_primitive(const struct lod_mesh *mesh, uint32_t primitive, float min[3], float max[3]) {
   uint32_t triple[3];
   lod_mesh_primitive(mesh, primitive, triple);
-  for (int i = 0; i < 3; i++)
-    memcpy(corners[i], mesh->positions[triple[i]], sizeof corners[i]);
-}
-
-/* Centre of a primitive's box. */
-static void centre(const struct lod_mesh *mesh, uint32_t primitive, double out[3]) {
-  float c[3][3];
-  gather(mesh, primitive, c);
+  const float *a = mesh->positions[triple[0]], *b = mesh->positions[triple[1]], *c = mesh->positions[triple[2]];
   for (int k = 0; k < 3; k++) {
-    float low = fminf(fminf(c[0][k], c[1][k]), c[2][k]), high = fmaxf(fmaxf(c[0][k], c[1][k]), c[2][k]);
-    out[k] = 0.5 * ((double)low + (double)high);
+    min[k] = smaller(smaller(a[k], b[k]), c[k]);
+    max[k] = larger(larger(a[k], b[k]), c[k]);
   }
 }
 
-static void bound_chunk(void *context, size_t begin, size_t end, size_t chunk) {
-  struct build *build = context;
-  struct lod_bounds bounds = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-  for (size_t i = begin; i < end; i++) {
-    double c[3];
-    centre(build->mesh, (uint32_t)i, c);
-    for (int k = 0; k < 3; k++) {
-      bounds.min[k] = c[k] < bounds.min[k] ? c[k] : bounds.min[k];
-      bounds.max[k] = c[k] > bounds.max[k] ? c[k] : bounds.max[k];
-    }
-  }
-  build->chunk_bounds[chunk] = bounds;
-}
-
-static void key_chunk(void *context, size_t begin, size_t end, size_t chunk) {
+static void entry_chunk(void *context, size_t begin, size_t end, size_t chunk) {
   struct build *build = context;
   (void)chunk;
   for (size_t i = begin; i < end; i++) {
-    double c[3];
-    uint32_t cell[3];
-    centre(build->mesh, (uint32_t)i, c);
+    float min[3], max[3];
+    bound_primitive(build->mesh, (uint32_t)i, min, max);
     for (int k = 0; k < 3; k++)
-      cell[k] = (uint32_t)((c[k] - build->origin[k]) * build->scale);
-    build->from[i] = (struct sort_entry){hilbert_key(build->table, cell), (uint32_t)i};
+      build->entries[i].centre[k] = 0.5f * min[k] + 0.5f * max[k];
+    build->entries[i].primitive = (uint32_t)i;
   }
 }
 
-static void count_chunk(void *context, size_t begin, size_t end, size_t chunk) {
-  struct build *build = context;
-  uint32_t *histogram = build->histograms + chunk * DIGITS;
-  memset(histogram, 0, DIGITS * sizeof *histogram);
-  for (size_t i = begin; i < end; i++)
-    histogram[build->from[i].key >> build->shift & (DIGITS - 1)]++;
+/* --- order --- */
+
+/* A number in the order of the centres along an axis, different for every entry: the bits of floats sort like integers once negative
+ * ones are turned round. */
+static inline int64_t entry_key(const struct entry *e, int axis) {
+  int32_t bits;
+  memcpy(&bits, &e->centre[axis], sizeof bits);
+  bits ^= (bits >> 31) & INT32_MAX;
+  return (int64_t)((uint64_t)(uint32_t)bits << 32 | e->primitive);
 }
 
-static void scatter_chunk(void *context, size_t begin, size_t end, size_t chunk) {
-  struct build *build = context;
-  uint32_t *place = build->histograms + chunk * DIGITS;
-  for (size_t i = begin; i < end; i++)
-    build->to[place[build->from[i].key >> build->shift & (DIGITS - 1)]++] = build->from[i];
+static void sort_entries(struct entry *e, uint32_t count, int axis) {
+  for (uint32_t i = 1; i < count; i++) {
+    struct entry moving = e[i];
+    int64_t key = entry_key(&moving, axis);
+    uint32_t j = i;
+    for (; j > 0 && entry_key(&e[j - 1], axis) > key; j--)
+      e[j] = e[j - 1];
+    e[j] = moving;
+  }
 }
 
-/* Stable radix sort by key, equal keys by primitive: the same order for any number of threads. */
-static void sort(struct build *build, uint32_t threads) {
-  size_t count = build->bvh->count, chunks = lod_parallel_chunks(count, SORT_GRAIN);
-  for (build->shift = 0; build->shift < 3 * KEY_LEVELS; build->shift += DIGIT_BITS) {
-    lod_parallel_for(threads, count, SORT_GRAIN, count_chunk, build);
-    uint32_t sum = 0;
-    for (size_t digit = 0; digit < DIGITS; digit++) {
-      for (size_t chunk = 0; chunk < chunks; chunk++) {
-        uint32_t *slot = &build->histograms[chunk * DIGITS + digit];
-        uint32_t here = *slot;
-        *slot = sum;
-        sum += here;
-      }
+/* An entry's key near rank `rank` of `count`, a little past it on the side with more entries: the rank then stays in a part that the next
+ * pivot makes small. */
+static int64_t choose_pivot(const struct entry *e, uint32_t count, uint32_t rank, int axis) {
+  int64_t keys[129];
+  uint32_t samples = count >= 1 << 16 ? 129 : count >= 2048 ? 65 : count >= 256 ? 33 : 9;
+  uint32_t margin = samples >= 129 ? 6 : samples >= 65 ? 4 : samples >= 33 ? 3 : 1;
+  for (uint32_t i = 0; i < samples; i++) {
+    int64_t key = entry_key(&e[(uint64_t)i * (count - 1) / (samples - 1)], axis);
+    uint32_t j = i;
+    for (; j > 0 && keys[j - 1] > key; j--)
+      keys[j] = keys[j - 1];
+    keys[j] = key;
+  }
+  uint32_t at = (uint32_t)((uint64_t)rank * samples / count);
+  if (rank < count / 2)
+    at = at + margin < samples ? at + margin : samples - 1;
+  else
+    at = at > margin ? at - margin : 0;
+  return keys[at];
+}
+
+/* Puts the entries with keys up to the pivot's first and returns how many there are. No branch depends on a key. */
+static uint32_t partition(struct entry *e, uint32_t count, int64_t pivot, int axis) {
+  uint32_t front = 0;
+  for (uint32_t i = 0; i < count; i++) {
+    struct entry moving = e[i];
+    e[i] = e[front];
+    e[front] = moving;
+    front += entry_key(&moving, axis) <= pivot;
+  }
+  return front;
+}
+
+/* Puts the `rank` first entries along the axis in front. */
+static void select_first(struct entry *e, uint32_t count, uint32_t rank, int axis) {
+  while (count > INSERTION && rank > 0 && rank < count) {
+    uint32_t front = partition(e, count, choose_pivot(e, count, rank, axis), axis);
+    if (front == count)
+      front--; /* the pivot was the last: it alone is in place, the order of the rest is open */
+    if (front == count - 1) {
+      uint32_t last = 0;
+      for (uint32_t i = 1; i < count; i++)
+        last = entry_key(&e[i], axis) > entry_key(&e[last], axis) ? i : last;
+      struct entry keep = e[last];
+      e[last] = e[count - 1];
+      e[count - 1] = keep;
     }
-    lod_parallel_for(threads, count, SORT_GRAIN, scatter_chunk, build);
-    struct sort_entry *swap = build->from;
-    build->from = build->to;
-    build->to = swap;
+    if (rank <= front) {
+      count = front;
+    } else {
+      e += front;
+      count -= front;
+      rank -= front;
+    }
+  }
+  if (rank > 0 && rank < count)
+    sort_entries(e, count, axis);
+}
+
+static int longest_axis(const struct entry *e, uint32_t count) {
+  float min[3], max[3];
+  memcpy(min, e[0].centre, sizeof min);
+  memcpy(max, e[0].centre, sizeof max);
+  for (uint32_t i = 1; i < count; i++) {
+    for (int k = 0; k < 3; k++) {
+      min[k] = smaller(e[i].centre[k], min[k]);
+      max[k] = larger(e[i].centre[k], max[k]);
+    }
+  }
+  int axis = 0;
+  for (int k = 1; k < 3; k++) {
+    if (max[k] - min[k] > max[axis] - min[axis])
+      axis = k;
+  }
+  return axis;
+}
+
+/* Splits a segment of at most `room` entries, a power of 2, so that its left half is full. */
+static void split_segment(struct entry *e, uint32_t count, uint64_t room) {
+  if (count > room / 2)
+    select_first(e, count, (uint32_t)(room / 2), longest_axis(e, count));
+}
+
+static void order_segment(struct entry *e, uint32_t count, uint64_t room) {
+  for (; count > LOD_BVH_WIDTH; room /= 2) {
+    uint32_t half = (uint32_t)(room / 2);
+    if (count > half) {
+      split_segment(e, count, room);
+      order_segment(e, half, half);
+      e += half;
+      count -= half;
+    }
   }
 }
+
+static void split_chunk(void *context, size_t begin, size_t end, size_t chunk) {
+  struct build *build = context;
+  (void)chunk;
+  split_segment(build->entries + begin, (uint32_t)(end - begin), build->segment);
+}
+
+static void order_chunk(void *context, size_t begin, size_t end, size_t chunk) {
+  struct build *build = context;
+  (void)chunk;
+  order_segment(build->entries + begin, (uint32_t)(end - begin), build->segment);
+  for (size_t i = begin; i < end; i++)
+    build->bvh->order[i] = build->entries[i].primitive;
+}
+
+/* Level by level while segments are large, a segment a thread; then each to its end. */
+static void order_entries(struct build *build, uint32_t threads) {
+  size_t count = build->bvh->count;
+  build->segment = LOD_BVH_WIDTH;
+  while (build->segment < count)
+    build->segment *= 2;
+  for (; build->segment > SEGMENT; build->segment /= 2)
+    lod_parallel_for(threads, count, build->segment, split_chunk, build);
+  lod_parallel_for(threads, count, build->segment, order_chunk, build);
+}
+
+/* --- boxes --- */
 
 static void set_lane(struct lod_bvh_node *node, int lane, const float min[3], const float max[3]) {
   for (int k = 0; k < 3; k++) {
@@ -191,18 +219,9 @@ static void leaf_chunk(void *context, size_t begin, size_t end, size_t chunk) {
   for (size_t i = begin; i < end; i++) {
     for (int lane = 0; lane < LOD_BVH_WIDTH; lane++) {
       float min[3] = {INFINITY, INFINITY, INFINITY}, max[3] = {-INFINITY, -INFINITY, -INFINITY};
-      size_t slot = (i * LOD_BVH_WIDTH + (size_t)lane) * LOD_BVH_LEAF;
-      for (size_t last = slot + LOD_BVH_LEAF; slot < last && slot < bvh->count; slot++) {
-        bvh->order[slot] = build->from[slot].primitive;
-        gather(build->mesh, bvh->order[slot], bvh->corners[slot]);
-        for (int corner = 0; corner < 3; corner++) {
-          for (int k = 0; k < 3; k++) {
-            float x = bvh->corners[slot][corner][k];
-            min[k] = x < min[k] ? x : min[k];
-            max[k] = x > max[k] ? x : max[k];
-          }
-        }
-      }
+      size_t slot = i * LOD_BVH_WIDTH + (size_t)lane;
+      if (slot < bvh->count)
+        bound_primitive(build->mesh, bvh->order[slot], min, max);
       set_lane(&bvh->levels[0][i], lane, min, max);
     }
   }
@@ -220,8 +239,8 @@ static void node_chunk(void *context, size_t begin, size_t end, size_t chunk) {
         const struct lod_bvh_node *node = &bvh->levels[build->level - 1][child];
         for (int k = 0; k < 3; k++) {
           for (int j = 0; j < LOD_BVH_WIDTH; j++) {
-            min[k] = node->min[k][j] < min[k] ? node->min[k][j] : min[k];
-            max[k] = node->max[k][j] > max[k] ? node->max[k][j] : max[k];
+            min[k] = smaller(min[k], node->min[k][j]);
+            max[k] = larger(max[k], node->max[k][j]);
           }
         }
       }
@@ -230,27 +249,9 @@ static void node_chunk(void *context, size_t begin, size_t end, size_t chunk) {
   }
 }
 
-/* Cubical cells over the box of the centres, KEY_LEVELS bits along its longest side. */
-static void choose_cells(struct build *build, uint32_t threads) {
-  size_t count = build->bvh->count, chunks = lod_parallel_chunks(count, SORT_GRAIN);
-  lod_parallel_for(threads, count, SORT_GRAIN, bound_chunk, build);
-  struct lod_bounds all = build->chunk_bounds[0];
-  double extent = 0;
-  for (int k = 0; k < 3; k++) {
-    for (size_t i = 1; i < chunks; i++) {
-      all.min[k] = fmin(all.min[k], build->chunk_bounds[i].min[k]);
-      all.max[k] = fmax(all.max[k], build->chunk_bounds[i].max[k]);
-    }
-    build->origin[k] = all.min[k];
-    extent = fmax(extent, all.max[k] - all.min[k]);
-  }
-  build->scale = extent > 0 ? ((1 << KEY_LEVELS) - 0.5) / extent : 0;
-}
-
 static bool allocate_tree(struct lod_bvh *bvh, struct lod_arena *arena) {
   bvh->order = LOD_NEW(arena, bvh->count, uint32_t);
-  bvh->corners = lod_arena_alloc(arena, bvh->count, sizeof *bvh->corners);
-  uint32_t children = (uint32_t)lod_parallel_chunks(bvh->count, LOD_BVH_LEAF);
+  uint32_t children = bvh->count;
   do {
     assert(bvh->level_count < LOD_BVH_LEVELS);
     uint32_t nodes = (uint32_t)lod_parallel_chunks(children, LOD_BVH_WIDTH);
@@ -260,24 +261,16 @@ static bool allocate_tree(struct lod_bvh *bvh, struct lod_arena *arena) {
       return false;
     children = nodes;
   } while (children > 1);
-  return bvh->order != NULL && bvh->corners != NULL;
+  return bvh->order != NULL;
 }
 
 static enum lod_status build_tree(struct build *build, uint32_t threads, struct lod_arena *scratch) {
   struct lod_bvh *bvh = build->bvh;
-  size_t chunks = lod_parallel_chunks(bvh->count, SORT_GRAIN);
-  struct key_table *table = LOD_NEW(scratch, 1, struct key_table);
-  build->from = LOD_NEW(scratch, bvh->count, struct sort_entry);
-  build->to = LOD_NEW(scratch, bvh->count, struct sort_entry);
-  build->histograms = LOD_NEW(scratch, chunks * DIGITS, uint32_t);
-  build->chunk_bounds = LOD_NEW(scratch, chunks, struct lod_bounds);
-  if (table == NULL || build->from == NULL || build->to == NULL || build->histograms == NULL || build->chunk_bounds == NULL)
+  build->entries = LOD_NEW(scratch, bvh->count, struct entry);
+  if (build->entries == NULL)
     return LOD_MEMORY;
-  fill_key_table(table);
-  build->table = table;
-  choose_cells(build, threads);
-  lod_parallel_for(threads, bvh->count, SORT_GRAIN, key_chunk, build);
-  sort(build, threads);
+  lod_parallel_for(threads, bvh->count, GRAIN, entry_chunk, build);
+  order_entries(build, threads);
   lod_parallel_for(threads, bvh->node_counts[0], NODE_GRAIN, leaf_chunk, build);
   for (build->level = 1; build->level < bvh->level_count; build->level++)
     lod_parallel_for(threads, bvh->node_counts[build->level], NODE_GRAIN, node_chunk, build);

@@ -1,15 +1,14 @@
 /* The tree behind bvh.h, for the modules that walk it themselves (closest.c, distance.c).
  *
- * Primitives are sorted along a Hilbert curve and packed: leaf j holds slots [4j, 4j + 4), lane k of node i at level 0 is leaf 4i + k, lane
- * k of node i at level l is node 4i + k at level l - 1. No pointers: a node's place says what is under it, so any node is also a group of
- * neighbouring primitives. */
+ * Packed and without pointers: slots are primitives in tree order, lane k of node i at level 0 is slot 4i + k, lane k of node i at level l
+ * is node 4i + k at level l - 1. A node's place says what is under it, so any node is also a group of 4^(l + 1) neighbouring primitives. */
 #ifndef LOD_CORE_MESH_BVH_TREE_H
 #define LOD_CORE_MESH_BVH_TREE_H
 
 #include "core/mesh/bvh.h"
 #include "core/mesh/triangle_distance.h"
 
-enum { LOD_BVH_WIDTH = 4, LOD_BVH_LEAF = 4, LOD_BVH_LEVELS = 16 };
+enum { LOD_BVH_WIDTH = 4, LOD_BVH_LEAF = 4, LOD_BVH_LEVELS = 17 };
 
 /* Boxes of four children, one lane each; exact bounds of float corners. An absent child is [INFINITY, -INFINITY]. */
 struct lod_bvh_node {
@@ -23,8 +22,7 @@ struct lod_bvh {
   uint32_t level_count;        /* 0 when empty; the root is node 0 of the last level */
   uint32_t node_counts[LOD_BVH_LEVELS];
   struct lod_bvh_node *levels[LOD_BVH_LEVELS];
-  uint32_t *order;        /* count; slot -> primitive */
-  float (*corners)[3][3]; /* count; by slot */
+  uint32_t *order; /* count; slot -> primitive */
 };
 
 /* Vertex indices of a primitive as a triple. */
@@ -43,24 +41,17 @@ static inline void lod_mesh_primitive(const struct lod_mesh *mesh, uint32_t prim
   }
 }
 
-/* Slots under node `index` of `level`. */
-static inline void lod_bvh_slots(const struct lod_bvh *bvh, uint32_t level, uint32_t index, uint32_t *begin, uint32_t *end) {
-  uint64_t size = (uint64_t)LOD_BVH_LEAF << (2 * (level + 1));
-  uint64_t first = index * size;
-  *begin = (uint32_t)(first < bvh->count ? first : bvh->count);
-  *end = (uint32_t)(first + size < bvh->count ? first + size : bvh->count);
-}
-
-/* The probe of a slot, and of a primitive. */
-static inline struct lod_triangle_probe lod_bvh_probe_slot(const struct lod_bvh *bvh, uint32_t slot) {
-  const float(*c)[3] = bvh->corners[slot];
-  return lod_triangle_prepare(lod_vec3_from_float(c[0]), lod_vec3_from_float(c[1]), lod_vec3_from_float(c[2]));
-}
-static inline struct lod_triangle_probe lod_bvh_probe(const struct lod_bvh *bvh, uint32_t primitive) {
+/* The corners of a primitive, and its probe. */
+static inline void lod_bvh_corners(const struct lod_bvh *bvh, uint32_t primitive, struct lod_vec3 corners[3]) {
   uint32_t triple[3];
   lod_mesh_primitive(bvh->mesh, primitive, triple);
-  return lod_triangle_prepare(lod_vec3_from_float(bvh->mesh->positions[triple[0]]), lod_vec3_from_float(bvh->mesh->positions[triple[1]]),
-                              lod_vec3_from_float(bvh->mesh->positions[triple[2]]));
+  for (int k = 0; k < 3; k++)
+    corners[k] = lod_vec3_from_float(bvh->mesh->positions[triple[k]]);
+}
+static inline struct lod_triangle_probe lod_bvh_probe(const struct lod_bvh *bvh, uint32_t primitive) {
+  struct lod_vec3 corners[3];
+  lod_bvh_corners(bvh, primitive, corners);
+  return lod_triangle_prepare(corners[0], corners[1], corners[2]);
 }
 
 /* The primitive nearest to q, or the first one met within accept_squared: what a bound needs is often no more. Nothing farther than

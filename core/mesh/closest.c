@@ -1,5 +1,6 @@
 /* Queries of bvh.h: nearest child first, boxes in float (rounded so that nothing is missed), triangles in double. */
 #include <float.h>
+#include <string.h>
 
 #include "core/mesh/bvh.h"
 #include "core/mesh/bvh_tree.h"
@@ -12,7 +13,7 @@ struct box_probe {
 };
 
 struct pending {
-  float distance_squared;
+  uint32_t key; /* lower bound of its squared distance, see sort_lanes */
   uint32_t level, index;
 };
 
@@ -39,83 +40,105 @@ static struct box_probe make_box_probe(struct lod_vec3 q) {
   return (struct box_probe){{round_down(q.x), round_down(q.y), round_down(q.z)}, {round_up(q.x), round_up(q.y), round_up(q.z)}};
 }
 
-/* Lower bounds of the squared distances to four boxes. */
-static inline void box_distances(const struct lod_bvh_node *node, const struct box_probe *probe, float out[LOD_BVH_WIDTH]) {
-  float sum[LOD_BVH_WIDTH] = {0};
-  for (int k = 0; k < 3; k++) {
-    for (int i = 0; i < LOD_BVH_WIDTH; i++) {
-      float below = node->min[k][i] - probe->above[k], above = probe->below[k] - node->max[k][i];
-      float gap = below > above ? below : above;
-      gap = gap > 0 ? gap : 0;
-      sum[i] += gap * gap;
-    }
-  }
+/* A lane a child; GCC's and clang's vector extension, so that no compiler has to find out. */
+typedef float lanes4 __attribute__((vector_size(16)));
+
+static inline lanes4 max4(lanes4 a, lanes4 b) {
+  lanes4 larger;
   for (int i = 0; i < LOD_BVH_WIDTH; i++)
-    out[i] = sum[i] * kSlack;
+    larger[i] = a[i] > b[i] ? a[i] : b[i];
+  return larger;
 }
 
-/* Lanes by ascending distance; exchanges of a fixed network, so that ties keep one order everywhere. */
-static inline void sort_lanes(const float d[LOD_BVH_WIDTH], uint32_t lanes[LOD_BVH_WIDTH]) {
-  for (uint32_t i = 0; i < LOD_BVH_WIDTH; i++)
-    lanes[i] = i;
+static inline lanes4 load4(const float x[LOD_BVH_WIDTH]) {
+  lanes4 lanes;
+  memcpy(&lanes, x, sizeof lanes);
+  return lanes;
+}
+
+/* Lower bounds of the squared distances to four boxes. */
+static inline void box_distances(const struct lod_bvh_node *node, const struct box_probe *probe, float out[LOD_BVH_WIDTH]) {
+  lanes4 sum = {0}, zero = {0};
+  for (int k = 0; k < 3; k++) {
+    lanes4 gap = max4(max4(load4(node->min[k]) - probe->above[k], probe->below[k] - load4(node->max[k])), zero);
+    sum += gap * gap;
+  }
+  sum *= kSlack;
+  memcpy(out, &sum, sizeof sum);
+}
+
+static inline uint32_t float_bits(float x) {
+  uint32_t bits;
+  memcpy(&bits, &x, sizeof bits);
+  return bits;
+}
+
+/* Lanes by ascending distance. A key is a distance with its lane in the last two bits: for positive floats the order of the bits is the
+ * order of the numbers, a truncated lower bound is still one, and keys are all different. */
+static inline void sort_lanes(const float d[LOD_BVH_WIDTH], uint32_t keys[LOD_BVH_WIDTH]) {
   static const uint8_t kNetwork[5][2] = {{0, 1}, {2, 3}, {0, 2}, {1, 3}, {1, 2}};
+  for (uint32_t i = 0; i < LOD_BVH_WIDTH; i++)
+    keys[i] = (float_bits(d[i]) & ~3u) | i;
   for (int s = 0; s < 5; s++) {
-    uint32_t a = lanes[kNetwork[s][0]], b = lanes[kNetwork[s][1]];
-    bool exchange = d[b] < d[a];
-    lanes[kNetwork[s][0]] = exchange ? b : a;
-    lanes[kNetwork[s][1]] = exchange ? a : b;
+    uint32_t a = keys[kNetwork[s][0]], b = keys[kNetwork[s][1]];
+    keys[kNetwork[s][0]] = a < b ? a : b;
+    keys[kNetwork[s][1]] = a < b ? b : a;
+  }
+}
+
+struct best {
+  double squared;
+  uint32_t primitive;
+};
+
+static inline void try_primitive(const struct lod_bvh *bvh, uint32_t primitive, struct lod_vec3 q, struct best *best) {
+  struct lod_triangle_probe t = lod_bvh_probe(bvh, primitive);
+  double d2 = lod_triangle_distance_squared(&t, q);
+  if (d2 < best->squared || (best->primitive == LOD_NONE && d2 <= best->squared)) {
+    best->squared = d2;
+    best->primitive = primitive;
   }
 }
 
 uint32_t lod_bvh_search(const struct lod_bvh *bvh, struct lod_vec3 q, uint32_t hint, double radius_squared, double accept_squared,
                         double *distance_squared) {
-  uint32_t best = LOD_NONE;
-  double best_squared = radius_squared;
-  if (hint < bvh->count) {
-    struct lod_triangle_probe t = lod_bvh_probe(bvh, hint);
-    double d2 = lod_triangle_distance_squared(&t, q);
-    if (d2 <= best_squared) {
-      best_squared = d2;
-      best = hint;
-    }
-  }
+  struct best best = {radius_squared, LOD_NONE};
+  if (hint < bvh->count)
+    try_primitive(bvh, hint, q, &best);
   struct box_probe probe = make_box_probe(q);
   struct pending stack[STACK];
   int depth = 0;
   if (bvh->level_count > 0)
     stack[depth++] = (struct pending){0, bvh->level_count - 1, 0};
-  float limit = make_limit(best_squared);
-  while (depth > 0 && !(best != LOD_NONE && best_squared <= accept_squared)) {
+  uint32_t limit = float_bits(make_limit(best.squared)) | 3;
+  while (depth > 0 && !(best.primitive != LOD_NONE && best.squared <= accept_squared)) {
     struct pending top = stack[--depth];
-    if (top.distance_squared > limit)
+    if (top.key > limit)
       continue;
     float d[LOD_BVH_WIDTH];
-    uint32_t lanes[LOD_BVH_WIDTH];
+    uint32_t keys[LOD_BVH_WIDTH];
     box_distances(&bvh->levels[top.level][top.index], &probe, d);
-    sort_lanes(d, lanes);
+    sort_lanes(d, keys);
+    uint32_t first = top.index * LOD_BVH_WIDTH;
     if (top.level > 0) {
-      uint32_t first = top.index * LOD_BVH_WIDTH, children = bvh->node_counts[top.level - 1];
+      uint32_t children = bvh->node_counts[top.level - 1];
       for (int i = LOD_BVH_WIDTH - 1; i >= 0; i--) {
-        if (d[lanes[i]] <= limit && first + lanes[i] < children)
-          stack[depth++] = (struct pending){d[lanes[i]], top.level - 1, first + lanes[i]};
+        uint32_t child = first + (keys[i] & 3);
+        if (keys[i] <= limit && child < children)
+          stack[depth++] = (struct pending){keys[i], top.level - 1, child};
       }
       continue;
     }
-    for (int i = 0; i < LOD_BVH_WIDTH && d[lanes[i]] <= limit; i++) {
-      uint64_t slot = ((uint64_t)top.index * LOD_BVH_WIDTH + lanes[i]) * LOD_BVH_LEAF;
-      for (uint64_t end = slot + LOD_BVH_LEAF; slot < end && slot < bvh->count; slot++) {
-        struct lod_triangle_probe t = lod_bvh_probe_slot(bvh, (uint32_t)slot);
-        double d2 = lod_triangle_distance_squared(&t, q);
-        if (d2 < best_squared || (best == LOD_NONE && d2 <= best_squared)) {
-          best_squared = d2;
-          best = bvh->order[slot];
-        }
+    for (int i = 0; i < LOD_BVH_WIDTH && keys[i] <= limit; i++) {
+      uint32_t slot = first + (keys[i] & 3);
+      if (slot < bvh->count) {
+        try_primitive(bvh, bvh->order[slot], q, &best);
+        limit = float_bits(make_limit(best.squared)) | 3;
       }
-      limit = make_limit(best_squared);
     }
   }
-  *distance_squared = best_squared;
-  return best;
+  *distance_squared = best.squared;
+  return best.primitive;
 }
 
 struct lod_closest lod_bvh_closest(const struct lod_bvh *bvh, struct lod_vec3 q, uint32_t hint, double radius_squared) {
@@ -141,21 +164,6 @@ static bool boxes_meet(const double min[3], const double max[3], const float oth
   return true;
 }
 
-static bool visit_leaf(const struct lod_bvh *bvh, uint64_t slot, const double min[3], const double max[3],
-                       bool (*visit)(void *context, uint32_t primitive), void *context) {
-  for (uint64_t end = slot + LOD_BVH_LEAF; slot < end && slot < bvh->count; slot++) {
-    float low[3], high[3];
-    for (int k = 0; k < 3; k++) {
-      const float(*c)[3] = bvh->corners[slot];
-      low[k] = fminf(fminf(c[0][k], c[1][k]), c[2][k]);
-      high[k] = fmaxf(fmaxf(c[0][k], c[1][k]), c[2][k]);
-    }
-    if (boxes_meet(min, max, low, high) && !visit(context, bvh->order[slot]))
-      return false;
-  }
-  return true;
-}
-
 void lod_bvh_overlap(const struct lod_bvh *bvh, const double min[3], const double max[3], bool (*visit)(void *context, uint32_t primitive),
                      void *context) {
   struct pending stack[STACK];
@@ -174,7 +182,7 @@ void lod_bvh_overlap(const struct lod_bvh *bvh, const double min[3], const doubl
       if (top.level > 0) {
         if (child < bvh->node_counts[top.level - 1])
           stack[depth++] = (struct pending){0, top.level - 1, (uint32_t)child};
-      } else if (!visit_leaf(bvh, child * LOD_BVH_LEAF, min, max, visit, context)) {
+      } else if (child < bvh->count && !visit(context, bvh->order[child])) {
         return;
       }
     }

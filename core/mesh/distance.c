@@ -20,8 +20,8 @@ enum {
   SAMPLES = 4096, /* primitives asked first */
   SAMPLE_GRAIN = 64,
   SUSPECTS = 128,    /* neighbourhoods searched next */
-  SUSPECT_LEVEL = 1, /* 64 primitives each */
-  CHUNK_LEVEL = 4,   /* 4096 primitives */
+  SUSPECT_LEVEL = 2, /* 64 primitives each */
+  CHUNK_LEVEL = 5,   /* 4096 primitives */
   FIRST_ROUND = 64,  /* chunks */
   SCAN_SPLITS = 64,  /* a primitive may take while scanning */
   FIRST_BATCH = 64,  /* pieces of the list */
@@ -114,8 +114,7 @@ static struct lod_certifier start_certifier(const struct side *side) {
 
 static struct lod_piece slot_piece(const struct side *side, uint32_t slot) {
   struct lod_piece piece = {.upper = INFINITY, .hint = LOD_NONE};
-  for (int k = 0; k < 3; k++)
-    piece.corners[k] = lod_vec3_from_float(side->items->corners[slot][k]);
+  lod_bvh_corners(side->items, side->items->order[slot], piece.corners);
   if (side->hints != NULL) {
     piece.hint = side->hints[side->items->order[slot]];
     if (piece.hint >= side->target->count)
@@ -188,13 +187,6 @@ static void sample_chunk(void *context, size_t begin, size_t end, size_t chunk) 
   }
 }
 
-static void scan_leaf(struct side *side, struct lod_certifier *certifier, uint64_t slot, struct chunk_result *result) {
-  for (uint64_t end = slot + LOD_BVH_LEAF; slot < end && slot < side->items->count; slot++) {
-    struct lod_piece piece = slot_piece(side, (uint32_t)slot);
-    run_piece(side, certifier, &piece, result);
-  }
-}
-
 /* Certifies everything under a node. Groups that are small beside the threshold are tried as a ball first. */
 static void scan_node(struct side *side, struct lod_certifier *certifier, uint32_t level, uint32_t index, struct chunk_result *result) {
   const struct lod_bvh_node *node = &side->items->levels[level][index];
@@ -204,13 +196,16 @@ static void scan_node(struct side *side, struct lod_certifier *certifier, uint32
     struct lod_vec3 low = lod_vec3_make(node->min[0][lane], node->min[1][lane], node->min[2][lane]);
     struct lod_vec3 high = lod_vec3_make(node->max[0][lane], node->max[1][lane], node->max[2][lane]);
     double radius = 0.5 * lod_vec3_distance(low, high);
-    if (radius < 0.5 * certifier->threshold && lod_certify_ball(certifier, lod_vec3_scale(lod_vec3_add(low, high), 0.5), radius))
+    if (level > 0 && radius < 0.5 * certifier->threshold &&
+        lod_certify_ball(certifier, lod_vec3_scale(lod_vec3_add(low, high), 0.5), radius))
       continue;
     uint64_t child = (uint64_t)index * LOD_BVH_WIDTH + lane;
-    if (level > 0)
+    if (level > 0) {
       scan_node(side, certifier, level - 1, (uint32_t)child, result);
-    else
-      scan_leaf(side, certifier, child * LOD_BVH_LEAF, result);
+    } else {
+      struct lod_piece piece = slot_piece(side, (uint32_t)child);
+      run_piece(side, certifier, &piece, result);
+    }
   }
 }
 
@@ -221,7 +216,7 @@ static void suspect_chunk(void *context, size_t begin, size_t end, size_t chunk)
   uint32_t level = side->items->level_count - 1 < SUSPECT_LEVEL ? side->items->level_count - 1 : SUSPECT_LEVEL;
   struct lod_certifier certifier = start_certifier(side);
   for (size_t i = begin; i < end; i++)
-    scan_node(side, &certifier, level, side->suspects[i] >> (2 * (level + 2)), &side->results[chunk]);
+    scan_node(side, &certifier, level, side->suspects[i] >> (2 * (level + 1)), &side->results[chunk]);
   end_chunk(&side->results[chunk], &certifier);
   side->results[chunk].upper = 0; /* the scan will pass here again */
 }

@@ -22,10 +22,8 @@ static struct lod_vec3 sample_point(const struct lod_bvh *items, uint32_t slot, 
     u = 1 - u;
     v = 1 - v;
   }
-  struct lod_vec3 a = lod_vec3_from_float(items->corners[slot][0]);
-  struct lod_vec3 ab = lod_vec3_subtract(lod_vec3_from_float(items->corners[slot][1]), a);
-  struct lod_vec3 ac = lod_vec3_subtract(lod_vec3_from_float(items->corners[slot][2]), a);
-  return lod_vec3_add_scaled(lod_vec3_add_scaled(a, ab, u), ac, v);
+  struct lod_triangle_probe t = lod_bvh_probe(items, items->order[slot]);
+  return lod_vec3_add_scaled(lod_vec3_add_scaled(t.a, t.ab, u), t.ac, v);
 }
 
 static uint32_t find_slot(const struct sampling *s, double at) {
@@ -67,7 +65,7 @@ enum lod_status lod_distance_sample_rms(const struct lod_bvh *items, const struc
   }
   double total = 0;
   for (uint32_t slot = 0; slot < items->count; slot++)
-    s.ends[slot] = total += sqrt(lod_bvh_probe_slot(items, slot).normal_squared);
+    s.ends[slot] = total += sqrt(lod_bvh_probe(items, items->order[slot]).normal_squared);
   for (uint32_t slot = 0; !(total > 0) && slot < items->count; slot++)
     s.ends[slot] = slot + 1.0;
   lod_parallel_for(threads, SAMPLES, GRAIN, sample_chunk, &s);
