@@ -53,13 +53,12 @@ struct side {
   double outside; /* lower bound from the other side, where only the larger counts */
   double reached, upper;
   uint64_t splits, budget;
-  bool complete;
   /* the running round */
   struct chunk_result *results;
   size_t first; /* chunk, sample or piece that the round starts with */
   uint32_t splits_each;
   const struct lod_piece *pieces;
-  const uint32_t *suspects;
+  uint32_t *suspects; /* slots */
   double *sampled;
   atomic_bool cancelled;
 };
@@ -102,6 +101,7 @@ static void list_finish(struct piece_list *list) {
 
 static struct lod_certifier start_certifier(const struct side *side) {
   struct lod_certifier certifier = {
+      .items = side->items,
       .target = side->target,
       .relative = side->settings->relative,
       .absolute = side->settings->absolute,
@@ -112,28 +112,15 @@ static struct lod_certifier start_certifier(const struct side *side) {
   return certifier;
 }
 
-static struct lod_piece slot_piece(const struct side *side, uint32_t slot) {
-  struct lod_piece piece = {.upper = INFINITY, .hint = LOD_NONE};
-  lod_bvh_corners(side->items, side->items->order[slot], piece.corners);
-  if (side->hints != NULL) {
-    piece.hint = side->hints[side->items->order[slot]];
-    if (piece.hint >= side->target->count)
-      piece.hint = LOD_NONE;
-  }
-  return piece;
+static uint32_t hint_of(const struct side *side, uint32_t primitive) {
+  uint32_t hint = side->hints != NULL ? side->hints[primitive] : LOD_NONE;
+  return hint < side->target->count ? hint : LOD_NONE;
 }
 
 static void end_chunk(struct chunk_result *result, const struct lod_certifier *certifier) {
   result->reached = certifier->reached;
   result->upper = certifier->upper;
   result->splits = certifier->splits;
-}
-
-static void run_piece(struct side *side, struct lod_certifier *certifier, const struct lod_piece *piece, struct chunk_result *result) {
-  struct lod_piece rest[LOD_CERTIFY_REST];
-  uint32_t left = lod_certify_piece(certifier, piece, side->splits_each, rest);
-  if (!push(&result->rest, side->arena, rest, left))
-    result->failed = true;
 }
 
 /* --- rounds --- */
@@ -179,9 +166,11 @@ static void sample_chunk(void *context, size_t begin, size_t end, size_t chunk) 
   struct chunk_result *result = &side->results[chunk];
   uint32_t last = LOD_NONE;
   for (size_t i = begin; i < end; i++) {
-    struct lod_piece piece = slot_piece(side, side->suspects[i]);
+    uint32_t primitive = side->items->order[side->suspects[i]], hint = hint_of(side, primitive);
+    struct lod_vec3 corners[3];
     double d2;
-    last = lod_bvh_search(side->target, piece.corners[0], piece.hint != LOD_NONE ? piece.hint : last, INFINITY, -1, &d2);
+    lod_bvh_corners(side->items, primitive, corners);
+    last = lod_bvh_search(side->target, corners[0], hint != LOD_NONE ? hint : last, INFINITY, -1, &d2);
     side->sampled[i] = sqrt(d2);
     result->reached = fmax(result->reached, side->sampled[i]);
   }
@@ -203,8 +192,11 @@ static void scan_node(struct side *side, struct lod_certifier *certifier, uint32
     if (level > 0) {
       scan_node(side, certifier, level - 1, (uint32_t)child, result);
     } else {
-      struct lod_piece piece = slot_piece(side, (uint32_t)child);
-      run_piece(side, certifier, &piece, result);
+      struct lod_piece rest[LOD_CERTIFY_REST];
+      uint32_t primitive = side->items->order[child];
+      uint32_t left = lod_certify_primitive(certifier, primitive, hint_of(side, primitive), side->splits_each, rest);
+      if (!push(&result->rest, side->arena, rest, left))
+        result->failed = true;
     }
   }
 }
@@ -214,9 +206,12 @@ static void suspect_chunk(void *context, size_t begin, size_t end, size_t chunk)
   if (stop_chunk(side))
     return;
   uint32_t level = side->items->level_count - 1 < SUSPECT_LEVEL ? side->items->level_count - 1 : SUSPECT_LEVEL;
+  struct lod_vertex_cache cache;
+  lod_vertex_cache_init(&cache);
   struct lod_certifier certifier = start_certifier(side);
+  certifier.cache = &cache;
   for (size_t i = begin; i < end; i++)
-    scan_node(side, &certifier, level, side->suspects[i] >> (2 * (level + 1)), &side->results[chunk]);
+    scan_node(side, &certifier, level, side->suspects[side->first + i] >> (2 * (level + 1)), &side->results[chunk]);
   end_chunk(&side->results[chunk], &certifier);
   side->results[chunk].upper = 0; /* the scan will pass here again */
 }
@@ -233,32 +228,41 @@ static int by_distance(const void *a, const void *b) {
   return x->slot < y->slot ? -1 : x->slot > y->slot;
 }
 
-static enum lod_status find_lower(struct side *side) {
+/* Asks a sample; its worst members, worst first, become the suspects. */
+static enum lod_status sample(struct side *side) {
   uint32_t count = side->items->count, samples = count < SAMPLES ? count : SAMPLES;
+  side->suspects = LOD_NEW(side->arena, samples, uint32_t);
   struct lod_arena *scratch = lod_arena_create_child(side->arena);
   if (scratch == NULL)
     return LOD_MEMORY;
-  uint32_t *slots = LOD_NEW(scratch, samples, uint32_t);
   side->sampled = LOD_NEW_ZERO(scratch, samples, double);
   struct suspect *suspects = LOD_NEW(scratch, samples, struct suspect);
-  enum lod_status status = slots == NULL || side->sampled == NULL || suspects == NULL ? LOD_MEMORY : LOD_OK;
+  enum lod_status status = side->suspects == NULL || side->sampled == NULL || suspects == NULL ? LOD_MEMORY : LOD_OK;
   if (status == LOD_OK) {
     for (uint32_t i = 0; i < samples; i++)
-      slots[i] = (uint32_t)((uint64_t)i * count / samples);
-    side->suspects = slots;
+      side->suspects[i] = (uint32_t)((uint64_t)i * count / samples);
     status = run_round(side, samples, SAMPLE_GRAIN, sample_chunk, NULL);
   }
-  if (status == LOD_OK && count > SAMPLES) {
+  if (status == LOD_OK) {
     for (uint32_t i = 0; i < samples; i++)
-      suspects[i] = (struct suspect){side->sampled[i], slots[i]};
+      suspects[i] = (struct suspect){side->sampled[i], side->suspects[i]};
     qsort(suspects, samples, sizeof *suspects, by_distance);
-    for (uint32_t i = 0; i < SUSPECTS; i++)
-      slots[i] = suspects[i].slot;
-    side->splits_each = SCAN_SPLITS;
-    status = run_round(side, SUSPECTS, 1, suspect_chunk, NULL);
+    for (uint32_t i = 0; i < samples; i++)
+      side->suspects[i] = suspects[i].slot;
   }
   lod_arena_destroy(scratch);
   return status;
+}
+
+/* Searches around the suspects, the worst first: never more than a few percent of a mesh. */
+static enum lod_status question_suspects(struct side *side) {
+  size_t suspects = side->items->count / 2048 < SUSPECTS ? side->items->count / 2048 : SUSPECTS, round = 8;
+  side->splits_each = SCAN_SPLITS;
+  for (size_t done = 0; done < suspects; done += round, round *= 2) {
+    side->first = done;
+    LOD_TRY(run_round(side, suspects - done < round ? suspects - done : round, 1, suspect_chunk, NULL));
+  }
+  return LOD_OK;
 }
 
 /* --- everything --- */
@@ -272,7 +276,10 @@ static void scan_chunk(void *context, size_t begin, size_t end, size_t chunk) {
   struct side *side = context;
   if (stop_chunk(side))
     return;
+  struct lod_vertex_cache cache;
+  lod_vertex_cache_init(&cache);
   struct lod_certifier certifier = start_certifier(side);
+  certifier.cache = &cache;
   for (size_t i = begin; i < end; i++)
     scan_node(side, &certifier, chunk_level(side), (uint32_t)(side->first + i), &side->results[chunk]);
   end_chunk(&side->results[chunk], &certifier);
@@ -293,22 +300,24 @@ static void piece_chunk(void *context, size_t begin, size_t end, size_t chunk) {
   struct side *side = context;
   if (stop_chunk(side))
     return;
+  struct chunk_result *result = &side->results[chunk];
   struct lod_certifier certifier = start_certifier(side);
-  for (size_t i = begin; i < end; i++)
-    run_piece(side, &certifier, &side->pieces[side->first + i], &side->results[chunk]);
-  end_chunk(&side->results[chunk], &certifier);
+  for (size_t i = begin; i < end; i++) {
+    struct lod_piece rest[LOD_CERTIFY_REST];
+    uint32_t left = lod_certify_piece(&certifier, &side->pieces[side->first + i], side->splits_each, rest);
+    if (!push(&result->rest, side->arena, rest, left))
+      result->failed = true;
+  }
+  end_chunk(result, &certifier);
 }
 
 static int by_upper(const void *a, const void *b) {
   const struct lod_piece *x = a, *y = b;
   if (x->upper != y->upper)
     return x->upper > y->upper ? -1 : 1;
-  for (int k = 0; k < 3; k++) {
-    int order = memcmp(&x->corners[k], &y->corners[k], sizeof x->corners[k]);
-    if (order != 0)
-      return order;
-  }
-  return 0;
+  if (x->count != y->count)
+    return x->count < y->count ? -1 : 1;
+  return memcmp(x->corners, y->corners, x->count * sizeof *x->corners);
 }
 
 /* Works the list off from the worst down, a generation at a time: what a piece leaves after its splits joins the next generation, which
@@ -334,7 +343,6 @@ static enum lod_status work_off(struct side *side, struct piece_list *list) {
         side->upper = fmax(side->upper, list->pieces[done].upper);
       for (size_t i = 0; i < next.count; i++)
         side->upper = fmax(side->upper, next.pieces[i].upper);
-      side->complete = side->complete && next.count == 0;
       list_finish(&next);
     }
     list_finish(list);
@@ -347,6 +355,7 @@ static enum lod_status work_off(struct side *side, struct piece_list *list) {
 
 static enum lod_status certify_side(struct side *side) {
   struct piece_list rest = {0};
+  LOD_TRY(question_suspects(side));
   enum lod_status status = scan_everything(side, &rest);
   if (status == LOD_OK)
     return work_off(side, &rest);
@@ -363,10 +372,17 @@ static struct lod_interval side_interval(const struct side *side) {
   return interval;
 }
 
+/* Closed to what was asked for, or to rounding? Where only the larger side counts it is measured against that. */
+static bool is_complete(const struct side *side, const struct lod_interval *interval) {
+  double lower = fmax(interval->lower, fmax(side->outside - side->rounding, 0));
+  double slack = fmax(side->settings->relative * lower, side->settings->absolute);
+  return interval->upper <= lower + slack + 8 * side->rounding;
+}
+
 static enum lod_status measure(struct side sides[2], struct lod_arena *arena, struct lod_distance *distance) {
   const struct lod_distance_settings *settings = sides[0].settings;
   for (int s = 0; s < 2; s++)
-    LOD_TRY(find_lower(&sides[s]));
+    LOD_TRY(sample(&sides[s]));
   int larger = sides[1].reached > sides[0].reached;
   for (int i = 0; i < 2; i++) {
     struct side *side = &sides[i == 0 ? larger : !larger];
@@ -378,7 +394,7 @@ static enum lod_status measure(struct side sides[2], struct lod_arena *arena, st
   distance->b_to_a = side_interval(&sides[1]);
   distance->two_sided.lower = fmax(distance->a_to_b.lower, distance->b_to_a.lower);
   distance->two_sided.upper = fmax(distance->a_to_b.upper, distance->b_to_a.upper);
-  distance->complete = sides[0].complete && sides[1].complete;
+  distance->complete = is_complete(&sides[0], &distance->a_to_b) && is_complete(&sides[1], &distance->b_to_a);
   if (settings->rms) {
     for (int s = 0; s < 2; s++) {
       double rms;
@@ -399,8 +415,8 @@ static enum lod_status measure_trees(const struct lod_mesh *a, const struct lod_
       trees[s] = built[s];
     }
   }
-  /* A distance is computed from corners that splitting rounds too: four times what one distance needs. */
-  double rounding = 4 * lod_tolerance_rounding(fmax(lod_mesh_magnitude(a), lod_mesh_magnitude(b)));
+  /* Corners that cutting makes are rounded too, each a little more than those it was made from: sixteen times what one distance needs. */
+  double rounding = 16 * lod_tolerance_rounding(fmax(lod_mesh_magnitude(a), lod_mesh_magnitude(b)));
   struct side sides[2];
   for (int s = 0; s < 2; s++) {
     sides[s] = (struct side){
@@ -412,7 +428,6 @@ static enum lod_status measure_trees(const struct lod_mesh *a, const struct lod_
         .rounding = rounding,
         .arena = scratch,
         .budget = settings->budget > 0 ? settings->budget : kBudget,
-        .complete = true,
     };
   }
   return measure(sides, scratch, distance);
