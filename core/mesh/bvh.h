@@ -10,7 +10,8 @@
 struct lod_bvh;
 
 /* Builds over `mesh` (not owned, must outlive the tree) in `arena`. threads as lod_parallel_for. Fails with LOD_MEMORY alone. */
-LOD_WARN_UNUSED enum lod_status lod_bvh_create(const struct lod_mesh *mesh, uint32_t threads, struct lod_arena *arena, struct lod_bvh **bvh);
+LOD_WARN_UNUSED enum lod_status lod_bvh_create(const struct lod_mesh *mesh, uint32_t threads, struct lod_arena *arena,
+                                               struct lod_bvh **bvh);
 
 struct lod_closest {
   double distance_squared;

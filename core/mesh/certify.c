@@ -4,7 +4,8 @@
 #include <math.h>
 #include <string.h>
 
-/* A piece this deep is far below rounding: its bound is taken as it is. Cuts along the target come first, then only halves, which are sure to end. */
+/* A piece this deep is far below rounding: its bound is taken as it is. Cuts along the target come first, then only halves, which are sure
+ * to end. */
 enum { MAX_DEPTH = 200, MAX_CUTS = 60 };
 
 static void update_threshold(struct lod_certifier *c) {
@@ -231,7 +232,8 @@ static bool find_edge_plane(struct lod_certifier *c, uint32_t primitive, struct 
 static bool cut_along_target(struct lod_certifier *c, const struct lod_piece *piece, uint32_t primitive, uint32_t worst,
                              struct lod_piece parts[2]) {
   struct plane plane;
-  if (piece->depth > MAX_CUTS || piece->count > LOD_PIECE_CORNERS - 2 || !find_edge_plane(c, primitive, piece->corners[worst], &plane) || !cut(piece, &plane, parts))
+  if (piece->depth > MAX_CUTS || piece->count > LOD_PIECE_CORNERS - 2 || !find_edge_plane(c, primitive, piece->corners[worst], &plane) ||
+      !cut(piece, &plane, parts))
     return false;
   parts[0].hint = primitive;
   parts[1].hint = piece->near[worst] != primitive ? piece->near[worst] : LOD_NONE;
@@ -276,7 +278,8 @@ static bool decide(struct lod_certifier *c, struct lod_piece *piece, struct lod_
   return false;
 }
 
-uint32_t lod_certify_piece(struct lod_certifier *c, const struct lod_piece *piece, uint32_t splits, struct lod_piece rest[LOD_CERTIFY_REST]) {
+uint32_t lod_certify_piece(struct lod_certifier *c, const struct lod_piece *piece, uint32_t splits,
+                           struct lod_piece rest[LOD_CERTIFY_REST]) {
   struct lod_piece stack[LOD_CERTIFY_REST];
   uint32_t depth = 0, left = 0, used = 0;
   stack[depth++] = *piece;
