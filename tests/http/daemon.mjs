@@ -5,6 +5,7 @@ import net from 'node:net';
 import os from 'node:os';
 import path from 'node:path';
 import { spawn } from 'node:child_process';
+import { after } from 'node:test';
 import { fileURLToPath } from 'node:url';
 
 export const root = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '../..');
@@ -27,6 +28,12 @@ export async function eventually(what, probe, seconds = 20) {
   }
 }
 
+// Whatever a failed test did not stop.
+const running = new Set();
+after(() => {
+  for (const child of running) child.kill('SIGKILL');
+});
+
 export class Daemon {
   // flags: further flags; store: a folder to use instead of a fresh one, which is then kept; worker: path of the worker program.
   static async start({ flags = [], store = null, worker = recipeWorker } = {}) {
@@ -43,7 +50,9 @@ export class Daemon {
     const args = ['--store', daemon.store, '--listen', '127.0.0.1:0', '--viewer', viewer, '--worker', worker, ...flags];
     daemon.child = spawn(path.join(build, 'lodestreamd'), args, { stdio: ['ignore', 'pipe', 'pipe'] });
     daemon.log = '';
+    running.add(daemon.child);
     daemon.exited = new Promise((resolve) => daemon.child.on('exit', (code, signal) => resolve({ code, signal })));
+    daemon.exited.then(() => running.delete(daemon.child));
     daemon.child.on('error', (error) => (daemon.log += error.message));
     daemon.child.stderr.on('data', (data) => (daemon.log += data));
     let out = '';

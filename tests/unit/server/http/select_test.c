@@ -75,7 +75,7 @@ static void pixels_become_units_of_the_view(void **state) {
   expect("px=1.001&distance=10&fov=90&height=1000", "retile", 1, true);
   assert_true(fabs(selection.limit - 0.02002) < 1e-15);
   assert_true(fabs(choice.screen_error_px - 1) < 1e-12);
-  expect("px=0.5&distance=10&fov=90&height=1000", "cluster", 2, true);
+  expect("px=0.501&distance=10&fov=90&height=1000", "cluster", 2, true);
 }
 
 static void view_has_defaults_but_no_default_distance(void **state) {
