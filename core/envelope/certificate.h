@@ -1,0 +1,51 @@
+/* Proof, kept up to date collapse by collapse, that a changing surface and the source stay within epsilon of each other, both ways.
+ *
+ * Backward: every source triangle is charged to all current faces that its certificate used (one a leaf of its 4-split), so that a later
+ * change of any of them asks for a new certificate. Forward: a new face is shown to lie within epsilon of the source by the convexity lemma.
+ * Both are tested against the source itself: errors do not add up. */
+#ifndef LOD_CORE_ENVELOPE_CERTIFICATE_H
+#define LOD_CORE_ENVELOPE_CERTIFICATE_H
+
+#include "core/envelope/surface.h"
+#include "core/mesh/bvh.h"
+
+enum { LOD_CERTIFICATE_MAX_FACES = 64 };
+
+struct lod_certificate;
+
+/* source and bvh (over it) are not owned. The surface's face f starts as source triangle f. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, double epsilon,
+                                                       struct lod_arena *arena, struct lod_certificate **certificate);
+
+/* A larger epsilon keeps every certificate valid. */
+void lod_certificate_set_epsilon(struct lod_certificate *certificate, double epsilon);
+
+struct lod_candidate {
+  struct lod_vec3 corner[3];
+  uint32_t face; /* the face that it will be, or is */
+};
+
+/* A change: faces `changing` will be gone or altered, `faces` (at most LOD_CERTIFICATE_MAX_FACES) are those that stand around it afterwards:
+ * first the fresh_count new shapes, then unchanged neighbours, which certify too (without them the method jams at small epsilon). */
+struct lod_change {
+  const uint32_t *changing;
+  uint32_t changing_count;
+  const struct lod_candidate *faces;
+  uint32_t face_count, fresh_count;
+  uint32_t hints[LOD_CERTIFICATE_MAX_FACES][3]; /* per fresh face and corner: a source triangle near it, or LOD_NONE */
+  uint32_t witness;                             /* in: a source triangle likely to fail, or LOD_NONE; out on failure: the one that did */
+};
+
+/* Whether the change keeps both directions within epsilon. *status: LOD_MEMORY when it could not be decided (then false is returned). */
+bool lod_certificate_try(struct lod_certificate *certificate, struct lod_change *change, enum lod_status *status);
+
+/* Makes the change that was just tried successfully the truth: charges move to the faces that certify now. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_commit(struct lod_certificate *certificate, const struct lod_change *change);
+
+/* Source triangle nearest to p, starting from hint. */
+uint32_t lod_certificate_nearest(const struct lod_certificate *certificate, struct lod_vec3 p, uint32_t hint);
+
+/* nearby[source triangle] = face_to[a face charged with it], LOD_NONE where there is none. */
+void lod_certificate_charged(const struct lod_certificate *certificate, const uint32_t *face_to, uint32_t *nearby);
+
+#endif

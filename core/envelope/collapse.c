@@ -1,0 +1,426 @@
+/* Edge collapses in the order of their quadric error, each admitted only with its certificate.
+ *
+ * Based on: Garland, Heckbert 1997 (order, placement); Dey, Edelsbrunner, Guha, Nekhayev 1999 (link condition); Varshney et al. 1995 (the
+ * two-sided epsilon). The certificate is certificate.h's. */
+#include "core/envelope/collapse.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core/envelope/certificate.h"
+#include "core/envelope/quadric.h"
+#include "core/envelope/surface.h"
+
+enum { WITNESS_SLOTS_LOG2 = 16, CANCEL_EVERY = 1024 };
+
+struct entry {
+  double cost;
+  uint32_t a, b, stamp_a, stamp_b;
+};
+
+struct witness {
+  uint32_t a, b, triangle;
+};
+
+struct lod_collapser {
+  const struct lod_mesh *mesh;
+  struct lod_arena *arena;
+  struct lod_collapse_settings settings;
+  struct lod_surface surface;
+  struct lod_certificate *certificate;
+  struct lod_quadric *quadric; /* per vertex */
+  uint32_t *near;              /* per vertex: a source triangle near it */
+  uint32_t *stamp;             /* per vertex: changes with it */
+  uint32_t *face_mark, mark;
+  struct entry *heap;
+  size_t heap_count, heap_capacity;
+  struct witness *witnesses; /* direct-mapped by edge */
+  double least_normal_dot;
+};
+
+struct lod_collapse_settings lod_collapse_defaults(void) {
+  return (struct lod_collapse_settings){.flip_degrees = 75, .least_quality = 1e-3, .passes = 4};
+}
+
+/* ---- queue ---- */
+
+static bool before(const struct entry *x, const struct entry *y) {
+  if (x->cost != y->cost)
+    return x->cost < y->cost;
+  return x->a != y->a ? x->a < y->a : x->b < y->b;
+}
+
+static enum lod_status push(struct lod_collapser *c, struct entry entry) {
+  if (c->heap_count == c->heap_capacity) {
+    size_t capacity = c->heap_capacity == 0 ? 4096 : 2 * c->heap_capacity;
+    struct entry *grown = LOD_NEW(c->arena, capacity, struct entry);
+    if (grown == NULL)
+      return LOD_MEMORY;
+    if (c->heap_count != 0)
+      memcpy(grown, c->heap, c->heap_count * sizeof *grown);
+    c->heap = grown;
+    c->heap_capacity = capacity;
+  }
+  size_t i = c->heap_count++;
+  while (i > 0 && before(&entry, &c->heap[(i - 1) / 2])) {
+    c->heap[i] = c->heap[(i - 1) / 2];
+    i = (i - 1) / 2;
+  }
+  c->heap[i] = entry;
+  return LOD_OK;
+}
+
+static struct entry pop(struct lod_collapser *c) {
+  struct entry top = c->heap[0], last = c->heap[--c->heap_count];
+  size_t i = 0;
+  for (;;) {
+    size_t child = 2 * i + 1;
+    if (child >= c->heap_count)
+      break;
+    if (child + 1 < c->heap_count && before(&c->heap[child + 1], &c->heap[child]))
+      child++;
+    if (!before(&c->heap[child], &last))
+      break;
+    c->heap[i] = c->heap[child];
+    i = child;
+  }
+  if (c->heap_count > 0)
+    c->heap[i] = last;
+  return top;
+}
+
+static struct lod_vec3 rounded(struct lod_vec3 p) {
+  return lod_vec3_make((double)(float)p.x, (double)(float)p.y, (double)(float)p.z);
+}
+
+/* Where the result may stand, best first; returns how many. */
+static int placements(const struct lod_collapser *c, uint32_t a, uint32_t b, bool b_stays, struct lod_vec3 place[4], double cost[4]) {
+  struct lod_vec3 pa = c->surface.position[a], pb = c->surface.position[b];
+  struct lod_quadric q = c->quadric[a];
+  lod_quadric_add(&q, &c->quadric[b]);
+  int count = 0;
+  place[count++] = pb;
+  if (!b_stays) {
+    place[count++] = pa;
+    if (!c->settings.vertex_subset) {
+      struct lod_vec3 middle = lod_vec3_scale(lod_vec3_add(pa, pb), 0.5), best;
+      place[count++] = rounded(middle);
+      double reach = 4 * lod_vec3_distance_squared(pa, pb);
+      if (lod_quadric_minimum(&q, middle, &best) && lod_vec3_distance_squared(best, middle) <= reach)
+        place[count++] = rounded(best);
+    }
+  }
+  for (int i = 0; i < count; i++)
+    cost[i] = fmax(0, lod_quadric_value(&q, place[i]));
+  for (int i = 1; i < count; i++)
+    for (int j = i; j > 0 && cost[j] < cost[j - 1]; j--) {
+      double t = cost[j];
+      struct lod_vec3 p = place[j];
+      cost[j] = cost[j - 1];
+      place[j] = place[j - 1];
+      cost[j - 1] = t;
+      place[j - 1] = p;
+    }
+  return count;
+}
+
+static enum lod_status push_edge(struct lod_collapser *c, uint32_t a, uint32_t b) {
+  const struct lod_surface *s = &c->surface;
+  if (s->kind[a] > s->kind[b] || (s->kind[a] == s->kind[b] && a > b)) { /* a is the one that may vanish */
+    uint32_t t = a;
+    a = b;
+    b = t;
+  }
+  if (s->kind[a] == LOD_VERTEX_CORNER)
+    return LOD_OK;
+  struct lod_vec3 place[4];
+  double cost[4];
+  placements(c, a, b, s->kind[a] != s->kind[b], place, cost);
+  /* Among edges of equal error (flat regions) short ones first: they keep triangles round. */
+  double length = lod_vec3_distance_squared(s->position[a], s->position[b]);
+  return push(c, (struct entry){cost[0] + 1e-9 * length * length, a, b, c->stamp[a], c->stamp[b]});
+}
+
+static enum lod_status push_all(struct lod_collapser *c) {
+  c->heap_count = 0;
+  for (uint32_t f = 0; f < c->surface.face_count; f++)
+    for (int k = 0; k < 3 && c->surface.face[f][0] != LOD_NONE; k++) {
+      uint32_t a = c->surface.face[f][k], b = c->surface.face[f][(k + 1) % 3];
+      if (a < b || (c->surface.feature[f] >> k & 1)) /* boundary edges have one face only */
+        LOD_TRY(push_edge(c, a, b));
+    }
+  return LOD_OK;
+}
+
+/* ---- one collapse ---- */
+
+static struct lod_vec3 face_normal(const struct lod_vec3 p[3]) {
+  return lod_vec3_cross(lod_vec3_subtract(p[1], p[0]), lod_vec3_subtract(p[2], p[0]));
+}
+
+static double face_quality(const struct lod_vec3 p[3], double normal_length) {
+  double edges = lod_vec3_distance_squared(p[0], p[1]) + lod_vec3_distance_squared(p[1], p[2]) + lod_vec3_distance_squared(p[2], p[0]);
+  return edges > 0 ? 3.4641016151377544 * normal_length / edges : 0;
+}
+
+/* The shape guard: no face may fold over or become a needle that the old ones were not. */
+static bool shape_allows(const struct lod_collapser *c, const struct lod_vec3 old[3], const struct lod_vec3 fresh[3]) {
+  struct lod_vec3 n = face_normal(old), m = face_normal(fresh);
+  double n_length = lod_vec3_length(n), m_length = lod_vec3_length(m);
+  if (!(m_length > 0))
+    return false;
+  if (n_length > 0 && lod_vec3_dot(n, m) < c->least_normal_dot * n_length * m_length)
+    return false;
+  double quality = face_quality(fresh, m_length);
+  return quality >= c->settings.least_quality || quality >= face_quality(old, n_length);
+}
+
+struct attempt {
+  struct lod_change change;
+  uint32_t changing[160];
+  struct lod_candidate faces[LOD_CERTIFICATE_MAX_FACES];
+};
+
+static void mark_face(struct lod_collapser *c, uint32_t f) {
+  c->face_mark[f] = c->mark;
+}
+
+/* Faces around (a, b) as they would be; false when the shapes forbid it or there are too many to certify with. */
+static bool gather_fresh(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct attempt *attempt) {
+  const struct lod_surface *s = &c->surface;
+  struct lod_change *change = &attempt->change;
+  c->mark++;
+  change->changing_count = change->face_count = 0;
+  for (int side = 0; side < 2; side++) {
+    uint32_t v = side == 0 ? a : b;
+    const uint32_t *ring = lod_surface_ring(s, v);
+    for (uint32_t i = 0; i < s->ring_count[v]; i++) {
+      uint32_t f = ring[i];
+      if (c->face_mark[f] == c->mark)
+        continue; /* on the edge: seen from a */
+      mark_face(c, f);
+      attempt->changing[change->changing_count++] = f;
+      const uint32_t *w = s->face[f];
+      bool dies = side == 0 && (w[0] == b || w[1] == b || w[2] == b);
+      if (dies)
+        continue;
+      if (change->face_count == LOD_CERTIFICATE_MAX_FACES)
+        return false;
+      struct lod_candidate *fresh = &attempt->faces[change->face_count];
+      struct lod_vec3 old[3];
+      for (int k = 0; k < 3; k++) {
+        old[k] = s->position[w[k]];
+        fresh->corner[k] = w[k] == v ? to : old[k];
+        change->hints[change->face_count][k] = c->near[w[k]];
+      }
+      fresh->face = f;
+      if (!shape_allows(c, old, fresh->corner))
+        return false;
+      change->face_count++;
+    }
+  }
+  change->fresh_count = change->face_count;
+  return true;
+}
+
+/* Unchanged faces around the ring: those that share an edge with it first, then those that share a vertex. */
+static void gather_neighbours(struct lod_collapser *c, struct attempt *attempt) {
+  const struct lod_surface *s = &c->surface;
+  struct lod_change *change = &attempt->change;
+  for (int edges_only = 1; edges_only >= 0; edges_only--)
+    for (uint32_t i = 0; i < change->changing_count; i++)
+      for (int k = 0; k < 3; k++) {
+        uint32_t v = s->face[attempt->changing[i]][k], w = s->face[attempt->changing[i]][(k + 1) % 3];
+        const uint32_t *ring = lod_surface_ring(s, v);
+        for (uint32_t j = 0; j < s->ring_count[v]; j++) {
+          uint32_t f = ring[j];
+          const uint32_t *u = s->face[f];
+          if (c->face_mark[f] == c->mark || (edges_only && u[0] != w && u[1] != w && u[2] != w))
+            continue;
+          if (change->face_count == LOD_CERTIFICATE_MAX_FACES)
+            return;
+          mark_face(c, f);
+          struct lod_candidate *face = &attempt->faces[change->face_count++];
+          for (int n = 0; n < 3; n++)
+            face->corner[n] = s->position[u[n]];
+          face->face = f;
+        }
+      }
+}
+
+static struct witness *witness_of(struct lod_collapser *c, uint32_t a, uint32_t b) {
+  uint64_t h = ((uint64_t)a << 32 | b) * 0x9e3779b97f4a7c15u;
+  return &c->witnesses[h >> (64 - WITNESS_SLOTS_LOG2)];
+}
+
+static enum lod_status update_after(struct lod_collapser *c, uint32_t b) {
+  const struct lod_surface *s = &c->surface;
+  c->near[b] = lod_certificate_nearest(c->certificate, s->position[b], c->near[b]);
+  c->stamp[b]++;
+  c->mark++;
+  const uint32_t *ring = lod_surface_ring(s, b);
+  for (uint32_t i = 0; i < s->ring_count[b]; i++)
+    for (int k = 0; k < 3; k++) {
+      uint32_t w = s->face[ring[i]][k];
+      /* An edge's two faces both list its far end; push it once, from the face where it comes first. */
+      bool first = w != b;
+      for (uint32_t j = 0; j < i && first; j++)
+        first = s->face[ring[j]][0] != w && s->face[ring[j]][1] != w && s->face[ring[j]][2] != w;
+      if (first)
+        LOD_TRY(push_edge(c, b, w));
+    }
+  return LOD_OK;
+}
+
+/* Tries edge (a, b); *done when it collapsed. */
+static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b, bool *done) {
+  bool b_stays;
+  *done = false;
+  if (!lod_surface_can_collapse(&c->surface, a, b, &b_stays))
+    return LOD_OK;
+  struct lod_vec3 place[4];
+  double cost[4];
+  int count = placements(c, a, b, b_stays, place, cost);
+  struct witness *witness = witness_of(c, a, b);
+  struct attempt attempt;
+  attempt.change.changing = attempt.changing;
+  attempt.change.faces = attempt.faces;
+  for (int i = 0; i < count; i++) {
+    if (!gather_fresh(c, a, b, place[i], &attempt))
+      continue;
+    gather_neighbours(c, &attempt);
+    attempt.change.witness = witness->a == a && witness->b == b ? witness->triangle : LOD_NONE;
+    enum lod_status status;
+    bool admitted = lod_certificate_try(c->certificate, &attempt.change, &status);
+    LOD_TRY(status);
+    if (!admitted) {
+      *witness = (struct witness){a, b, attempt.change.witness};
+      continue;
+    }
+    LOD_TRY(lod_surface_collapse(&c->surface, a, b, place[i]));
+    LOD_TRY(lod_certificate_commit(c->certificate, &attempt.change));
+    lod_quadric_add(&c->quadric[b], &c->quadric[a]);
+    c->stamp[a]++;
+    *done = true;
+    return update_after(c, b);
+  }
+  return LOD_OK;
+}
+
+enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
+  lod_certificate_set_epsilon(c->certificate, epsilon);
+  for (uint32_t pass = 0; pass < c->settings.passes; pass++) {
+    uint32_t collapsed = 0, tried = 0;
+    uint32_t live = c->surface.live_faces;
+    LOD_TRY(push_all(c));
+    while (c->heap_count > 0) {
+      struct entry e = pop(c);
+      if (c->stamp[e.a] != e.stamp_a || c->stamp[e.b] != e.stamp_b)
+        continue;
+      if (++tried % CANCEL_EVERY == 0 && lod_progress_cancelled(progress))
+        return LOD_CANCELLED;
+      bool done;
+      LOD_TRY(try_edge(c, e.a, e.b, &done));
+      if (!done && c->surface.kind[e.a] == c->surface.kind[e.b] && c->settings.vertex_subset)
+        LOD_TRY(try_edge(c, e.b, e.a, &done));
+      collapsed += done;
+    }
+    if (collapsed * 200 < live)
+      break;
+  }
+  return LOD_OK;
+}
+
+/* ---- set-up and result ---- */
+
+static void init_quadrics(struct lod_collapser *c) {
+  const struct lod_surface *s = &c->surface;
+  for (uint32_t f = 0; f < s->face_count; f++) {
+    if (s->face[f][0] == LOD_NONE)
+      continue;
+    struct lod_vec3 p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = s->position[s->face[f][k]];
+    struct lod_vec3 normal = face_normal(p);
+    double length = lod_vec3_length(normal);
+    if (!(length > 0))
+      continue;
+    struct lod_vec3 n = lod_vec3_scale(normal, 1 / length);
+    for (int k = 0; k < 3; k++)
+      lod_quadric_add_plane(&c->quadric[s->face[f][k]], n, -lod_vec3_dot(n, p[0]), length / 2);
+    for (int k = 0; k < 3; k++) {
+      if (!(s->feature[f] >> k & 1))
+        continue;
+      /* A wall through the feature edge keeps its ends on it. */
+      struct lod_vec3 edge = lod_vec3_subtract(p[(k + 1) % 3], p[k]);
+      struct lod_vec3 wall = lod_vec3_normalize(lod_vec3_cross(edge, n));
+      double weight = 2 * lod_vec3_length_squared(edge);
+      lod_quadric_add_plane(&c->quadric[s->face[f][k]], wall, -lod_vec3_dot(wall, p[k]), weight);
+      lod_quadric_add_plane(&c->quadric[s->face[f][(k + 1) % 3]], wall, -lod_vec3_dot(wall, p[k]), weight);
+    }
+  }
+}
+
+enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct lod_bvh *bvh, const uint8_t *feature_edges,
+                                     const struct lod_collapse_settings *settings, struct lod_arena *arena, struct lod_collapser **collapser) {
+  struct lod_collapser *c = LOD_NEW_ZERO(arena, 1, struct lod_collapser);
+  if (c == NULL)
+    return LOD_MEMORY;
+  c->mesh = mesh;
+  c->arena = arena;
+  c->settings = settings == NULL ? lod_collapse_defaults() : *settings;
+  c->least_normal_dot = cos(c->settings.flip_degrees * 0.017453292519943295);
+  LOD_TRY(lod_surface_create(mesh, feature_edges, arena, &c->surface));
+  LOD_TRY(lod_certificate_create(mesh, bvh, 0, arena, &c->certificate));
+  c->quadric = LOD_NEW_ZERO(arena, mesh->vertex_count, struct lod_quadric);
+  c->near = LOD_NEW(arena, mesh->vertex_count, uint32_t);
+  c->stamp = LOD_NEW_ZERO(arena, mesh->vertex_count, uint32_t);
+  c->face_mark = LOD_NEW_ZERO(arena, mesh->triangle_count, uint32_t);
+  c->witnesses = LOD_NEW(arena, (size_t)1 << WITNESS_SLOTS_LOG2, struct witness);
+  if (c->quadric == NULL || c->near == NULL || c->stamp == NULL || c->face_mark == NULL || c->witnesses == NULL)
+    return LOD_MEMORY;
+  memset(c->witnesses, 0xff, ((size_t)1 << WITNESS_SLOTS_LOG2) * sizeof *c->witnesses);
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
+  init_quadrics(c);
+  *collapser = c;
+  return LOD_OK;
+}
+
+enum lod_status lod_collapser_extract(const struct lod_collapser *c, struct lod_arena *arena, struct lod_mesh *mesh, uint32_t *nearby) {
+  const struct lod_surface *s = &c->surface;
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  uint32_t *vertex_to = scratch == NULL ? NULL : LOD_NEW(scratch, s->vertex_count, uint32_t);
+  uint32_t *face_to = scratch == NULL ? NULL : LOD_NEW(scratch, s->face_count, uint32_t);
+  *mesh = (struct lod_mesh){0};
+  mesh->triangles = lod_arena_alloc(arena, s->live_faces, sizeof *mesh->triangles);
+  mesh->positions = lod_arena_alloc(arena, s->vertex_count, sizeof *mesh->positions);
+  mesh->materials = c->mesh->materials == NULL ? NULL : LOD_NEW(arena, s->live_faces, uint32_t);
+  mesh->parts = c->mesh->parts == NULL ? NULL : LOD_NEW(arena, s->live_faces, uint32_t);
+  if (vertex_to == NULL || face_to == NULL || mesh->triangles == NULL || mesh->positions == NULL || (c->mesh->materials && !mesh->materials) ||
+      (c->mesh->parts && !mesh->parts)) {
+    lod_arena_destroy(scratch);
+    return LOD_MEMORY;
+  }
+  for (uint32_t v = 0; v < s->vertex_count; v++) {
+    vertex_to[v] = s->ring_count[v] == 0 ? LOD_NONE : mesh->vertex_count;
+    if (s->ring_count[v] != 0)
+      lod_vec3_to_float(s->position[v], mesh->positions[mesh->vertex_count++]);
+  }
+  for (uint32_t f = 0; f < s->face_count; f++) {
+    face_to[f] = LOD_NONE;
+    if (s->face[f][0] == LOD_NONE)
+      continue;
+    uint32_t out = face_to[f] = mesh->triangle_count++;
+    for (int k = 0; k < 3; k++)
+      mesh->triangles[out][k] = vertex_to[s->face[f][k]];
+    if (mesh->materials != NULL)
+      mesh->materials[out] = c->mesh->materials[f];
+    if (mesh->parts != NULL)
+      mesh->parts[out] = c->mesh->parts[f];
+  }
+  if (nearby != NULL)
+    lod_certificate_charged(c->certificate, face_to, nearby);
+  lod_arena_destroy(scratch);
+  return LOD_OK;
+}
