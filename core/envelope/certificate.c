@@ -11,7 +11,7 @@
 #include "core/base/tolerance.h"
 
 enum {
-  BACKWARD_DEPTH = 3,  /* 4-splits of a source triangle */
+  BACKWARD_DEPTH = 6,  /* 4-splits of a source triangle */
   FORWARD_DEPTH = 9,   /* 4-splits of a new face */
   FORWARD_TESTS = 6000 /* of one new face; what needs more is refused */
 };
@@ -272,29 +272,36 @@ static bool all_within(const struct lod_certificate *c, uint32_t t, const struct
          point_to_source_triangle(c, t, p[1]) <= c->epsilon_squared && point_to_source_triangle(c, t, p[2]) <= c->epsilon_squared;
 }
 
-/* near[k]: a source triangle within epsilon of p[k]. */
+/* near[k]: a source triangle within epsilon of p[k]. A piece is proven by one source triangle near all its corners, or by one so near its
+ * centre that the radius still fits; a piece with a point that has nothing within epsilon is refuted. */
 static bool forward_piece(struct forward *f, const struct lod_vec3 p[3], const uint32_t near[3], int depth) {
   const struct lod_certificate *c = f->certificate;
   if (f->tests == 0)
     return false;
   f->tests--;
+  struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
+  double radius = sqrt(fmax(lod_vec3_distance_squared(centre, p[0]), fmax(lod_vec3_distance_squared(centre, p[1]), lod_vec3_distance_squared(centre, p[2]))));
+  double rest = c->epsilon - radius;
+  for (int k = 0; k < 3 && rest > 0; k++)
+    if ((k == 0 || near[k] != near[k - 1]) && point_to_source_triangle(c, near[k], centre) <= rest * rest)
+      return true;
   for (int k = 0; k < 3; k++)
     if ((k == 0 || near[k] != near[0]) && (k < 2 || near[k] != near[1]) && all_within(c, near[k], p))
       return true;
-  struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
-  struct lod_closest closest = lod_bvh_closest(c->bvh, centre, near[0], c->epsilon_squared);
-  if (closest.primitive >= c->source->triangle_count)
-    return false; /* nothing within epsilon */
-  double radius = sqrt(fmax(lod_vec3_distance_squared(centre, p[0]), fmax(lod_vec3_distance_squared(centre, p[1]), lod_vec3_distance_squared(centre, p[2]))));
-  if (sqrt(closest.distance_squared) + radius <= c->epsilon || all_within(c, closest.primitive, p))
-    return true;
+  if (rest > 0) {
+    struct lod_closest closest = lod_bvh_closest(c->bvh, centre, near[0], c->epsilon_squared);
+    if (closest.primitive >= c->source->triangle_count)
+      return false;
+    if (closest.distance_squared <= rest * rest || all_within(c, closest.primitive, p))
+      return true;
+  }
   if (depth == 0)
     return false;
   struct lod_vec3 h[3];
   uint32_t n[3];
   for (int k = 0; k < 3; k++) {
     h[k] = lod_vec3_scale(lod_vec3_add(p[k], p[(k + 1) % 3]), 0.5);
-    n[k] = lod_bvh_any_within(c->bvh, h[k], closest.primitive, c->epsilon_squared);
+    n[k] = lod_bvh_any_within(c->bvh, h[k], near[k], c->epsilon_squared);
     if (n[k] >= c->source->triangle_count)
       return false;
   }
@@ -307,15 +314,15 @@ static bool forward_piece(struct forward *f, const struct lod_vec3 p[3], const u
   return forward_piece(f, h, n, depth - 1);
 }
 
-static bool try_forward(const struct lod_certificate *c, const struct lod_candidate *face, const uint32_t hints[3]) {
-  uint32_t near[3];
+/* Nearby source triangles of the corners; false when a corner or the centre has none within epsilon: most refusals end here. */
+static bool forward_probe(const struct lod_certificate *c, const struct lod_candidate *face, const uint32_t hints[3], uint32_t near[3]) {
   for (int k = 0; k < 3; k++) {
     near[k] = lod_bvh_any_within(c->bvh, face->corner[k], hints[k], c->epsilon_squared);
     if (near[k] >= c->source->triangle_count)
       return false;
   }
-  struct forward f = {c, FORWARD_TESTS};
-  return forward_piece(&f, face->corner, near, FORWARD_DEPTH);
+  struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(face->corner[0], lod_vec3_add(face->corner[1], face->corner[2])), 1.0 / 3);
+  return lod_bvh_any_within(c->bvh, centre, near[0], c->epsilon_squared) < c->source->triangle_count;
 }
 
 bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, enum lod_status *status) {
@@ -325,11 +332,17 @@ bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, e
   struct trial trial = {.certificate = c, .change = change, .target_count = change->face_count};
   for (uint32_t k = 0; k < change->face_count; k++)
     trial.targets[k] = make_target(&change->faces[k], c->epsilon);
+  uint32_t near[LOD_CERTIFICATE_MAX_FACES][3];
+  for (uint32_t k = 0; k < change->fresh_count; k++)
+    if (!forward_probe(c, &change->faces[k], change->hints[k], near[k]))
+      return false;
   if (!try_backward(&trial, change, status))
     return false;
-  for (uint32_t k = 0; k < change->fresh_count; k++)
-    if (!try_forward(c, &change->faces[k], change->hints[k]))
+  for (uint32_t k = 0; k < change->fresh_count; k++) {
+    struct forward forward = {c, FORWARD_TESTS};
+    if (!forward_piece(&forward, change->faces[k].corner, near[k], FORWARD_DEPTH))
       return false;
+  }
   return true;
 }
 
