@@ -390,6 +390,15 @@ uint32_t lod_certificate_nearest(const struct lod_certificate *c, struct lod_vec
   return lod_bvh_closest(c->bvh, p, hint, INFINITY).primitive;
 }
 
+uint32_t lod_certificate_charge_count(const struct lod_certificate *c, uint32_t face) {
+  return c->charges[face].count;
+}
+
+uint32_t lod_certificate_charge(const struct lod_certificate *c, uint32_t face, uint32_t i) {
+  struct charge charge = c->charges[face].items[i];
+  return charge.version == c->version[charge.triangle] ? charge.triangle : LOD_NONE;
+}
+
 void lod_certificate_charged(const struct lod_certificate *c, const uint32_t *face_to, uint32_t *nearby) {
   memset(nearby, 0xff, c->source->triangle_count * sizeof *nearby);
   for (uint32_t f = 0; f < c->source->triangle_count; f++)

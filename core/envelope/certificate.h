@@ -45,6 +45,10 @@ LOD_WARN_UNUSED enum lod_status lod_certificate_commit(struct lod_certificate *c
 /* Source triangle nearest to p, starting from hint. */
 uint32_t lod_certificate_nearest(const struct lod_certificate *certificate, struct lod_vec3 p, uint32_t hint);
 
+/* Source triangles charged to a face: number i of count, LOD_NONE where the charge has moved on. */
+uint32_t lod_certificate_charge_count(const struct lod_certificate *certificate, uint32_t face);
+uint32_t lod_certificate_charge(const struct lod_certificate *certificate, uint32_t face, uint32_t i);
+
 /* nearby[source triangle] = face_to[a face charged with it], LOD_NONE where there is none. */
 void lod_certificate_charged(const struct lod_certificate *certificate, const uint32_t *face_to, uint32_t *nearby);
 

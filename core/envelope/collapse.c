@@ -7,9 +7,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "core/envelope/certificate.h"
+#include "core/envelope/internal.h"
 #include "core/envelope/quadric.h"
-#include "core/envelope/surface.h"
 
 enum { WITNESS_SLOTS_LOG2 = 16, CANCEL_EVERY = 1024 };
 
@@ -22,21 +21,6 @@ struct witness {
   uint32_t a, b, triangle;
 };
 
-struct lod_collapser {
-  const struct lod_mesh *mesh;
-  struct lod_arena *arena;
-  struct lod_collapse_settings settings;
-  struct lod_surface surface;
-  struct lod_certificate *certificate;
-  struct lod_quadric *quadric; /* per vertex */
-  uint32_t *near;              /* per vertex: a source triangle near it */
-  uint32_t *stamp;             /* per vertex: changes with it */
-  uint32_t *face_mark, mark;
-  struct entry *heap;
-  size_t heap_count, heap_capacity;
-  struct witness *witnesses; /* direct-mapped by edge */
-  double least_normal_dot;
-};
 
 struct lod_collapse_settings lod_collapse_defaults(void) {
   return (struct lod_collapse_settings){.flip_degrees = 75, .least_quality = 1e-3, .passes = 4};
@@ -361,6 +345,34 @@ static void init_quadrics(struct lod_collapser *c) {
   }
 }
 
+static uint32_t find_root(uint32_t *up, uint32_t x) {
+  while (up[x] != x)
+    x = up[x] = up[up[x]];
+  return x;
+}
+
+/* Regions that are connected across edges that are no features. */
+static enum lod_status find_patches(struct lod_collapser *c) {
+  const struct lod_surface *s = &c->surface;
+  c->patch = LOD_NEW(c->arena, s->face_count, uint32_t);
+  if (c->patch == NULL)
+    return LOD_MEMORY;
+  for (uint32_t f = 0; f < s->face_count; f++)
+    c->patch[f] = f;
+  for (uint32_t v = 0; v < s->vertex_count; v++) {
+    const uint32_t *ring = lod_surface_ring(s, v);
+    for (uint32_t i = 0; i < s->ring_count[v]; i++)
+      for (uint32_t j = i + 1; j < s->ring_count[v]; j++)
+        if (lod_surface_smooth_neighbours(s, ring[i], ring[j])) {
+          uint32_t a = find_root(c->patch, ring[i]), b = find_root(c->patch, ring[j]);
+          c->patch[a > b ? a : b] = a > b ? b : a;
+        }
+  }
+  for (uint32_t f = 0; f < s->face_count; f++)
+    c->patch[f] = find_root(c->patch, f);
+  return LOD_OK;
+}
+
 enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct lod_bvh *bvh, const uint8_t *feature_edges,
                                      const struct lod_collapse_settings *settings, struct lod_arena *arena, struct lod_collapser **collapser) {
   struct lod_collapser *c = LOD_NEW_ZERO(arena, 1, struct lod_collapser);
@@ -383,7 +395,40 @@ enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct l
   for (uint32_t v = 0; v < mesh->vertex_count; v++)
     c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
   init_quadrics(c);
+  LOD_TRY(find_patches(c));
   *collapser = c;
+  return LOD_OK;
+}
+
+/* Free edges and points of the source stay as they are, on vertices of their own. */
+static enum lod_status copy_loose(const struct lod_mesh *from, struct lod_arena *arena, struct lod_mesh *to) {
+  uint32_t added = 2 * from->edge_count + from->point_count;
+  if (added == 0)
+    return LOD_OK;
+  float(*positions)[3] = lod_arena_alloc(arena, (size_t)to->vertex_count + added, sizeof *positions);
+  to->edges = lod_arena_alloc(arena, from->edge_count, sizeof *to->edges);
+  to->points = LOD_NEW(arena, from->point_count, uint32_t);
+  if (positions == NULL || to->edges == NULL || to->points == NULL)
+    return LOD_MEMORY;
+  memcpy(positions, to->positions, to->vertex_count * sizeof *positions);
+  to->positions = positions;
+  for (uint32_t e = 0; e < from->edge_count; e++)
+    for (int k = 0; k < 2; k++) {
+      memcpy(positions[to->vertex_count], from->positions[from->edges[e][k]], sizeof *positions);
+      to->edges[e][k] = to->vertex_count++;
+    }
+  for (uint32_t p = 0; p < from->point_count; p++) {
+    memcpy(positions[to->vertex_count], from->positions[from->points[p]], sizeof *positions);
+    to->points[p] = to->vertex_count++;
+  }
+  to->edge_count = from->edge_count;
+  to->edge_thickness = from->edge_thickness;
+  to->edge_materials = from->edge_materials;
+  to->edge_parts = from->edge_parts;
+  to->point_count = from->point_count;
+  to->point_thickness = from->point_thickness;
+  to->point_materials = from->point_materials;
+  to->point_parts = from->point_parts;
   return LOD_OK;
 }
 
@@ -421,6 +466,7 @@ enum lod_status lod_collapser_extract(const struct lod_collapser *c, struct lod_
   }
   if (nearby != NULL)
     lod_certificate_charged(c->certificate, face_to, nearby);
+  enum lod_status status = copy_loose(c->mesh, arena, mesh);
   lod_arena_destroy(scratch);
-  return LOD_OK;
+  return status;
 }

@@ -41,6 +41,13 @@ static bool edge_is_feature(const struct lod_surface *s, uint32_t f, uint32_t a,
   return k >= 0 && (s->feature[f] >> k & 1) != 0;
 }
 
+bool lod_surface_smooth_neighbours(const struct lod_surface *s, uint32_t f, uint32_t g) {
+  for (int k = 0; k < 3; k++)
+    if (!(s->feature[f] >> k & 1) && edge_index(s, g, s->face[f][k], s->face[f][(k + 1) % 3]) >= 0)
+      return true;
+  return false;
+}
+
 /* The faces around an interior or curve vertex must form one fan: walk over the non-boundary edges. */
 static bool is_one_fan(const struct lod_surface *s, uint32_t v) {
   const uint32_t *ring = lod_surface_ring(s, v);

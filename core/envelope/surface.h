@@ -37,6 +37,9 @@ static inline int lod_surface_corner(const struct lod_surface *surface, uint32_t
   return surface->face[f][0] == v ? 0 : surface->face[f][1] == v ? 1 : 2;
 }
 
+/* Whether f and g share an edge that is no feature. */
+bool lod_surface_smooth_neighbours(const struct lod_surface *surface, uint32_t f, uint32_t g);
+
 /* Whether collapsing edge (a, b) keeps the topology and lets features be; *b_stays: the result must stay at b's place. */
 bool lod_surface_can_collapse(const struct lod_surface *surface, uint32_t a, uint32_t b, bool *b_stays);
 

@@ -1,0 +1,155 @@
+#include "core/envelope/envelope.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Shares of the diagonal, finest first. */
+static const double kLadder[] = {0.0002, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08};
+
+const double *lod_envelope_ladder(uint32_t *count) {
+  *count = sizeof kLadder / sizeof kLadder[0];
+  return kLadder;
+}
+
+struct lod_envelope_settings lod_envelope_defaults(void) {
+  return (struct lod_envelope_settings){.reserve = 0.12, .crease_degrees = 30, .collapse = lod_collapse_defaults()};
+}
+
+/* One unit on its way through the ladder. */
+struct run {
+  const struct lod_unit *unit;
+  struct lod_arena *arena; /* of the collapser: as long as the family runs */
+  struct lod_collapser *collapser;
+  struct lod_arena *level_arena; /* of the current level */
+  enum lod_status status;
+};
+
+struct ladder {
+  struct run *runs;
+  uint32_t run_count;
+  const struct lod_envelope_settings *settings;
+  const struct lod_progress *progress;
+  double epsilon; /* of the current level, model units */
+  struct lod_mesh *meshes;
+  uint32_t **nearby;
+};
+
+static enum lod_status start_unit(struct ladder *ladder, struct run *run) {
+  const struct lod_mesh *mesh = &run->unit->mesh;
+  struct lod_bvh *bvh;
+  uint8_t *features;
+  LOD_TRY(lod_bvh_create(mesh, 1, run->arena, &bvh));
+  LOD_TRY(lod_envelope_features(mesh, ladder->settings->crease_degrees, run->arena, &features));
+  return lod_collapser_create(mesh, bvh, features, &ladder->settings->collapse, run->arena, &run->collapser);
+}
+
+static enum lod_status level_of_unit(struct ladder *ladder, uint32_t u) {
+  struct run *run = &ladder->runs[u];
+  if (run->collapser == NULL)
+    LOD_TRY(start_unit(ladder, run));
+  LOD_TRY(lod_collapser_run(run->collapser, ladder->epsilon / run->unit->scale, ladder->progress));
+  ladder->nearby[u] = LOD_NEW(run->level_arena, run->unit->mesh.triangle_count, uint32_t);
+  if (ladder->nearby[u] == NULL)
+    return LOD_MEMORY;
+  LOD_TRY(lod_collapser_extract(run->collapser, run->level_arena, &ladder->meshes[u], ladder->nearby[u]));
+  return lod_envelope_sample_attributes(run->collapser, run->level_arena, &ladder->meshes[u]);
+}
+
+static void level_chunk(void *context, size_t begin, size_t end, size_t chunk) {
+  struct ladder *ladder = context;
+  (void)chunk;
+  for (size_t u = begin; u < end; u++)
+    ladder->runs[u].status = level_of_unit(ladder, (uint32_t)u);
+}
+
+static enum lod_status build_level(struct ladder *ladder, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
+  enum lod_status status = LOD_OK;
+  for (uint32_t u = 0; u < ladder->run_count; u++) {
+    ladder->runs[u].level_arena = lod_arena_create_child(arena);
+    if (ladder->runs[u].level_arena == NULL)
+      status = LOD_MEMORY;
+  }
+  if (status == LOD_OK)
+    lod_parallel_for(ladder->settings->threads, ladder->run_count, 1, level_chunk, ladder);
+  for (uint32_t u = 0; u < ladder->run_count && status == LOD_OK; u++)
+    status = ladder->runs[u].status;
+  if (status == LOD_OK) {
+    struct lod_level level = {.meshes = ladder->meshes, .nearby = ladder->nearby, .bound = ladder->epsilon};
+    status = sink(sink_context, &level);
+  }
+  for (uint32_t u = 0; u < ladder->run_count; u++) {
+    lod_arena_destroy(ladder->runs[u].level_arena);
+    ladder->runs[u].level_arena = NULL;
+  }
+  return status;
+}
+
+/* The largest unit's diagonal, in the model: what the default ladder's shares refer to. */
+static double largest_diagonal(const struct lod_unit *units, uint32_t unit_count) {
+  double largest = 0;
+  for (uint32_t u = 0; u < unit_count; u++) {
+    struct lod_bounds bounds = lod_mesh_bounds(&units[u].mesh);
+    largest = fmax(largest, lod_bounds_diagonal(&bounds) * units[u].scale);
+  }
+  return largest;
+}
+
+static enum lod_status check_settings(const struct lod_envelope_settings *settings, struct lod_problem *problem) {
+  for (uint32_t i = 0; settings->epsilons != NULL && i < settings->epsilon_count; i++)
+    if (!(settings->epsilons[i] > 0) || !isfinite(settings->epsilons[i]) || (i > 0 && settings->epsilons[i] <= settings->epsilons[i - 1]))
+      return lod_fail(problem, LOD_BAD_INPUT, "bad-epsilon", "Epsilons must be positive, finite and strictly increasing; number %u is %g.", i,
+                      settings->epsilons[i]);
+  if (!(settings->reserve >= 0 && settings->reserve <= 0.9))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-reserve", "The share of epsilon kept for quantisation must be in [0, 0.9], not %g.",
+                    settings->reserve);
+  return LOD_OK;
+}
+
+static enum lod_status climb(struct ladder *ladder, const double *epsilons, uint32_t count, double unit_of_epsilon, struct lod_arena *arena,
+                             lod_level_sink *sink, void *sink_context) {
+  for (uint32_t i = 0; i < count; i++) {
+    if (lod_progress_cancelled(ladder->progress))
+      return LOD_CANCELLED;
+    ladder->epsilon = epsilons[i] * unit_of_epsilon * (1 - ladder->settings->reserve);
+    LOD_TRY(build_level(ladder, arena, sink, sink_context));
+  }
+  return LOD_OK;
+}
+
+static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *family_settings, const struct lod_progress *progress,
+                             struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem) {
+  struct lod_envelope_settings settings = family_settings == NULL ? lod_envelope_defaults() : *(const struct lod_envelope_settings *)family_settings;
+  LOD_TRY(check_settings(&settings, problem));
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  if (scratch == NULL)
+    return lod_fail_memory(problem);
+  struct ladder ladder = {.run_count = unit_count, .settings = &settings, .progress = progress};
+  ladder.runs = LOD_NEW_ZERO(scratch, unit_count, struct run);
+  ladder.meshes = LOD_NEW_ZERO(scratch, unit_count, struct lod_mesh);
+  ladder.nearby = LOD_NEW_ZERO(scratch, unit_count, uint32_t *);
+  enum lod_status status = ladder.runs == NULL || ladder.meshes == NULL || ladder.nearby == NULL ? LOD_MEMORY : LOD_OK;
+  for (uint32_t u = 0; status == LOD_OK && u < unit_count; u++) {
+    ladder.runs[u] = (struct run){.unit = &units[u], .arena = lod_arena_create_child(scratch)};
+    if (ladder.runs[u].arena == NULL)
+      status = LOD_MEMORY;
+  }
+  if (status == LOD_OK && settings.epsilons != NULL)
+    status = climb(&ladder, settings.epsilons, settings.epsilon_count, 1, arena, sink, sink_context);
+  else if (status == LOD_OK)
+    status = climb(&ladder, kLadder, sizeof kLadder / sizeof kLadder[0], largest_diagonal(units, unit_count), arena, sink, sink_context);
+  for (uint32_t u = 0; ladder.runs != NULL && u < unit_count; u++)
+    lod_arena_destroy(ladder.runs[u].arena);
+  lod_arena_destroy(scratch);
+  if (status == LOD_MEMORY)
+    lod_fail_memory(problem);
+  if (status == LOD_CANCELLED)
+    lod_fail(problem, LOD_CANCELLED, "cancelled", "The bake was cancelled.");
+  return status;
+}
+
+const struct lod_family lod_envelope_family = {
+    .name = "envelope",
+    .sentence = "within epsilon of the source in both directions, proven, in as few triangles as possible",
+    .nested = false,
+    .build = build,
+};
