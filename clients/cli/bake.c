@@ -18,7 +18,7 @@ static int run(int argc, char **argv);
 
 static const struct cli_option kOptions[] = {
     {"output", 'o', "DIR", "Where manifest.json and objects/ go; made when it is not there. Required."},
-    {"family", 'f', "NAME", "A family of levels to bake; may be given several times. Default: all that are built."},
+    {"family", 'f', "NAME", "A family of levels to bake; may be given several times. Default: cluster."},
     {"epsilon", 'e', "X|X%", "An error to meet, in model units or in percent of the diagonal; may be given several times. Default: a ladder."},
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},

@@ -267,7 +267,7 @@ static double point_to_source_triangle(const struct lod_certificate *c, uint32_t
   return lod_vec3_distance_squared(p, q);
 }
 
-static bool all_within(const struct lod_certificate *c, uint32_t t, const struct lod_vec3 p[3]) {
+static bool all_within(const struct lod_certificate *c, uint32_t t, const struct lod_vec3 *p) {
   return t < c->source->triangle_count && point_to_source_triangle(c, t, p[0]) <= c->epsilon_squared &&
          point_to_source_triangle(c, t, p[1]) <= c->epsilon_squared && point_to_source_triangle(c, t, p[2]) <= c->epsilon_squared;
 }

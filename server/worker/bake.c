@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "core/cluster/cluster.h"
+#include "core/envelope/envelope.h"
 #include "core/mesh/topology.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
@@ -15,28 +16,34 @@
 /* Levels that are the source itself, differing in precision alone (shares of the diagonal): the finest, and one for the wide gap in bytes
  * between it and the first simplified level. */
 static const double kSourcePrecision[] = {1e-5, 1e-4};
+enum { SOURCE_LEVELS = sizeof kSourcePrecision / sizeof kSourcePrecision[0] };
 
 /* A family with the settings that a request asks of it, made in `arena`; settings NULL: the levels of the source itself meet the request. */
 struct recipe {
   const struct lod_family *family;
+  bool by_default;
   enum lod_status (*settings)(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
 };
 
 static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
+static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
 
-static const struct recipe kRecipes[] = {{&lod_cluster_family, cluster_settings}};
+static const struct recipe kRecipes[] = {
+    {&lod_cluster_family, true, cluster_settings},
+    {&lod_envelope_family, false, envelope_settings}, /* takes minutes where clustering takes seconds */
+};
 enum { RECIPE_COUNT = sizeof kRecipes / sizeof kRecipes[0] };
 
 const struct lod_family *lod_bake_family(uint32_t index) {
   return index < RECIPE_COUNT ? kRecipes[index].family : NULL;
 }
 
-static int compare_descending(const void *a, const void *b) {
+static int compare(const void *a, const void *b) {
   double x = *(const double *)a, y = *(const double *)b;
-  return x < y ? 1 : x > y ? -1 : 0;
+  return x < y ? -1 : x > y ? 1 : 0;
 }
 
-/* The errors asked for in model units, largest first, each once; those that quantisation alone would break are left out: the levels of the
+/* The errors asked for in model units, smallest first, each once; those that quantisation alone would break are left out: the levels of the
  * source itself are for them. */
 static uint32_t requested_errors(const struct lod_bake_request *request, double diagonal, double *errors) {
   uint32_t count = 0;
@@ -45,10 +52,10 @@ static uint32_t requested_errors(const struct lod_bake_request *request, double 
     if (error > 4 * kSourcePrecision[0] * diagonal)
       errors[count++] = error;
   }
-  qsort(errors, count, sizeof *errors, compare_descending);
+  qsort(errors, count, sizeof *errors, compare);
   uint32_t kept = 0;
   for (uint32_t i = 0; i < count; i++)
-    if (kept == 0 || errors[i] < errors[kept - 1])
+    if (kept == 0 || errors[i] > errors[kept - 1])
       errors[kept++] = errors[i];
   return kept;
 }
@@ -70,11 +77,6 @@ static enum lod_status cluster_settings(const struct lod_bake_request *request, 
     cluster->representative = LOD_CLUSTER_CENTRE;
     cluster->cells = cells;
     cluster->cell_count = count;
-    for (uint32_t i = 0; i < count / 2; i++) {
-      double t = cells[i];
-      cells[i] = cells[count - 1 - i];
-      cells[count - 1 - i] = t;
-    }
     for (uint32_t i = 0; i < count; i++)
       cells[i] *= 0.75 * 2 / 1.7320508075688772;
   }
@@ -98,9 +100,31 @@ struct bake {
   const struct recipe *recipes[RECIPE_COUNT];
   struct lod_baked_family families[RECIPE_COUNT];
   uint32_t family_count;
+  struct lod_baked_level source_levels[SOURCE_LEVELS];
 };
 
+
+
 enum { MAX_LEVELS = 96 };
+
+static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings) {
+  struct lod_envelope_settings *envelope = LOD_NEW(arena, 1, struct lod_envelope_settings);
+  double *epsilons = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
+  if (envelope == NULL || epsilons == NULL)
+    return LOD_MEMORY;
+  *envelope = lod_envelope_defaults();
+  envelope->threads = request->threads;
+  envelope->epsilons = epsilons;
+  if (request->epsilon_count != 0) {
+    envelope->epsilon_count = requested_errors(request, diagonal, epsilons);
+  } else {
+    const double *ladder = lod_envelope_ladder(&envelope->epsilon_count);
+    for (uint32_t i = 0; i < envelope->epsilon_count; i++)
+      epsilons[i] = ladder[i] * diagonal;
+  }
+  *settings = envelope->epsilon_count == 0 ? NULL : envelope;
+  return LOD_OK;
+}
 
 static double now_seconds(void) {
   struct timespec t;
@@ -125,7 +149,7 @@ static enum lod_status choose_families(struct bake *bake) {
     chosen[k] = true;
   }
   for (uint32_t k = 0; k < RECIPE_COUNT; k++)
-    if (chosen[k] || request->family_count == 0) {
+    if (chosen[k] || (request->family_count == 0 && kRecipes[k].by_default)) {
       bake->recipes[bake->family_count] = &kRecipes[k];
       bake->families[bake->family_count++].family = kRecipes[k].family;
     }
@@ -246,10 +270,12 @@ static enum lod_status add_source_levels(struct sink *sink) {
     for (uint32_t v = 0; status == LOD_OK && v < meshes[u].vertex_count; v++)
       identity[u][v] = v;
   }
-  for (size_t i = 0; status == LOD_OK && i < sizeof kSourcePrecision / sizeof kSourcePrecision[0]; i++) {
+  for (size_t i = 0; status == LOD_OK && i < SOURCE_LEVELS; i++) {
     struct lod_level level = {.meshes = meshes, .images = identity, .bound = 0};
     status = add_level(sink, &level, kSourcePrecision[i] * sink->bake->baker.diagonal);
   }
+  if (status == LOD_OK)
+    memcpy(sink->bake->source_levels, sink->family->levels, sizeof sink->bake->source_levels);
   lod_arena_destroy(scratch);
   return status;
 }
@@ -266,7 +292,12 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
       .end = 0.1 + 0.85 * (index + 1) / bake->family_count,
   };
   const void *settings;
-  LOD_TRY(add_source_levels(&sink));
+  if (index == 0) {
+    LOD_TRY(add_source_levels(&sink));
+  } else { /* they are every family's finest */
+    memcpy(family->levels, bake->source_levels, sizeof bake->source_levels);
+    family->level_count = SOURCE_LEVELS;
+  }
   if (bake->recipes[index]->settings(bake->request, bake->baker.diagonal, bake->arena, &settings) != LOD_OK)
     return lod_fail_memory(bake->problem);
   if (settings != NULL)

@@ -22,7 +22,7 @@ struct lod_bake_request {
   const struct lod_import_files *files; /* NULL: the model must be self-contained */
   int directory_fd;                     /* output directory, exists */
   const char *families[LOD_BAKE_MAX_FAMILIES];
-  uint32_t family_count; /* 0 = every family that is built */
+  uint32_t family_count; /* 0 = those that are quick */
   /* Errors to meet, a level each (model units, or shares of the diagonal where epsilon_relative); none = the family's own ladder. */
   double epsilons[LOD_BAKE_MAX_LIST];
   bool epsilon_relative[LOD_BAKE_MAX_LIST];
