@@ -253,7 +253,7 @@ static enum lod_status add_reference(struct references *references, const json_t
   const json_t *type = json_object_get(json, "type"), *bytes = json_object_get(json, "bytes");
   if (name == NULL || !is_sha256(name))
     return BAD("an object is not named by 64 lower-case hex digits");
-  struct lod_manifest_object object = {.type = delta ? kDeltaType : NULL};
+  struct lod_manifest_object object = {.type = delta ? lod_manifest_media_type(kDeltaType) : NULL};
   memcpy(object.sha256, name, sizeof object.sha256);
   if (json_is_string(type))
     object.type = lod_manifest_media_type(json_string_value(type));
@@ -399,6 +399,8 @@ enum lod_status lod_manifest_parse(const char *text, size_t size, const char *id
   *manifest = NULL;
   if (size > LOD_MANIFEST_MAX_BYTES)
     return BAD("larger than %d bytes", LOD_MANIFEST_MAX_BYTES);
+  if (memchr(text, 0, size) != NULL)
+    return BAD("holds a NUL byte"); /* jansson takes one behind a number for white space */
   json_error_t error;
   json_t *root = json_loadb(text, size, JSON_REJECT_DUPLICATES, &error);
   if (root == NULL)

@@ -407,6 +407,39 @@ static void files_that_the_manifest_does_not_name_stay_outside(void **state) {
   close(fd);
 }
 
+/* The cube with a delta from its coarsest level on. */
+static void write_bake_with_delta(int folder_fd, const char *digest) {
+  char name[80], with[8192];
+  assert_int_equal(write_bake(folder_fd, "cube", "r1", kCube, 3, NULL), 0);
+  char *text = bake_manifest("cube", "r1", kCube, 3, NULL);
+  size_t before = (size_t)(strstr(text, "\"cell\"") - text);
+  snprintf(with, sizeof with, "%.*s\"delta\":{\"to\":1,\"bytes\":7,\"object\":\"%s\"},%s", (int)before, text, digest, text + before);
+  free(text);
+  snprintf(name, sizeof name, "objects/%s", digest);
+  assert_int_equal(write_file_at(folder_fd, name, "a delta", 7), 0);
+  assert_int_equal(write_file_at(folder_fd, "manifest.json", with, strlen(with)), 0);
+}
+
+/* A delta's type is not written down; it must mean the same when the catalogue is read again. */
+static void a_delta_is_an_object_that_later_bakes_may_share(void **state) {
+  struct fixture *fixture = *state;
+  char digest[LOD_SHA256_HEX + 1];
+  lod_sha256_text("a delta", 7, digest);
+  for (int round = 0; round < 2; round++) {
+    int fd = bake_folder(fixture);
+    write_bake_with_delta(fd, digest);
+    struct lod_problem problem = {0};
+    if (lod_store_commit_bake(fixture->store, round == 0 ? "cube" : "again", fd, &problem) != LOD_OK)
+      fail_msg("%s", problem.detail);
+    close(fd);
+    reopen(fixture);
+  }
+  struct lod_object *object;
+  assert_int_equal(lod_store_object_open(fixture->store, digest, &object, NULL), LOD_OK);
+  assert_string_equal(object->type, "application/vnd.lodestream.delta");
+  lod_store_object_release(object);
+}
+
 static void a_bake_over_the_quota_is_refused_and_replacing_is_not(void **state) {
   struct fixture *fixture = *state;
   struct lod_problem problem = {0};
@@ -710,6 +743,7 @@ int main(void) {
       TEST(ids_that_could_escape_are_refused),
       TEST(a_bake_that_lies_changes_nothing),
       TEST(files_that_the_manifest_does_not_name_stay_outside),
+      TEST(a_delta_is_an_object_that_later_bakes_may_share),
       TEST(a_bake_over_the_quota_is_refused_and_replacing_is_not),
       TEST(a_store_is_held_by_one_process),
       TEST(leftovers_are_swept_at_the_next_start),

@@ -1,0 +1,19 @@
+#!/bin/bash
+# Fuzzes every target of build/fuzz for SECONDS each, from its corpus. What it finds stays in build/fuzz/found/NAME; the inputs that reach
+# new code, smallest first, in build/fuzz/corpus/NAME.
+#
+#   tests/fuzz/fuzz.sh SECONDS [NAME...]
+set -eu
+cd "$(dirname "$0")/../.."
+seconds=${1:-60}
+shift || true
+[ $# -gt 0 ] || set -- $(cd tests/fuzz && ls ./*_fuzz.c | sed -E 's|^\./(.*)_fuzz\.c$|\1|')
+
+failed=""
+for name in "$@"; do
+  mkdir -p "build/fuzz/corpus/$name" "build/fuzz/found/$name"
+  echo "== $name, $seconds s"
+  "build/fuzz/tests/fuzz/${name}_fuzz" -max_total_time="$seconds" -timeout=20 -rss_limit_mb=4096 -print_final_stats=1 -verbosity=0 \
+    -artifact_prefix="build/fuzz/found/$name/" "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name" || failed="$failed $name"
+done
+[ -z "$failed" ] || { echo "found something in:$failed (see build/fuzz/found)" >&2; exit 1; }
