@@ -94,7 +94,7 @@ static void evict(struct lod_cache *cache, struct lod_cache_entry *entry, struct
 
 /* Lock held. */
 static void follow_generation(struct lod_cache *cache, uint64_t generation, struct lod_cache_entry **dead) {
-  if (generation == cache->generation)
+  if (generation <= cache->generation)
     return;
   while (cache->oldest)
     evict(cache, cache->oldest, dead);
@@ -137,8 +137,12 @@ struct lod_cache_entry *lod_cache_insert(struct lod_cache *cache, const void *ke
   memcpy(entry->key, key, key_size);
   pthread_mutex_lock(&cache->lock);
   follow_generation(cache, generation, &dead);
-  struct lod_cache_entry *held = look_up(cache, entry->hash, key, key_size);
-  if (held) {
+  bool late = generation < cache->generation; /* what it belongs to was replaced while it was made */
+  struct lod_cache_entry *held = late ? NULL : look_up(cache, entry->hash, key, key_size);
+  if (late) {
+    entry->holders = 1;
+    held = entry;
+  } else if (held) {
     entry->next_in_bucket = dead;
     dead = entry;
   } else {

@@ -14,12 +14,13 @@ struct lod_cache *lod_cache_create(size_t capacity, void (*finish)(void *value))
 void lod_cache_destroy(struct lod_cache *cache);
 
 /* The value under key, held until released; NULL = there is none.
- * generation: what values belong to; a number other than that of the values inside empties the cache first. */
+ * generation: what values belong to; a higher number than that of the values inside empties the cache first. */
 struct lod_cache_entry *lod_cache_find(struct lod_cache *cache, const void *key, size_t key_size, uint64_t generation);
-/* Puts a value in (taken) and holds it. When another thread was first, its value is held and this one finished. The value is finished and
+/* Puts a value in (taken) and holds it. When another thread was first, its value is held and this one finished. A value of an older
+ * generation is held for the caller alone. The value is finished and
  * NULL returned when memory is out. */
 struct lod_cache_entry *lod_cache_insert(struct lod_cache *cache, const void *key, size_t key_size, uint64_t generation, void *value);
-/* Empties the cache when what is inside belongs to another generation. */
+/* Empties the cache when what is inside belongs to an older generation. */
 void lod_cache_trim(struct lod_cache *cache, uint64_t generation);
 void *lod_cache_value(const struct lod_cache_entry *entry);
 void lod_cache_release(struct lod_cache *cache, struct lod_cache_entry *entry);

@@ -18,29 +18,40 @@ static void describe(struct lod_reply *reply, const struct lod_selection *select
   lod_reply_header(reply, "Lod-Triangles", "%llu", (unsigned long long)choice->level->facts.triangles);
 }
 
-static void answer_choice(struct lod_exchange *exchange, const struct lod_selection *selection, const struct lod_choice *choice) {
+static void answer_body(struct lod_exchange *exchange, const struct lod_selection *selection, const struct lod_choice *choice,
+                        struct lod_body *body, const char *type) {
   struct lod_reply *reply = &exchange->reply;
+  reply->status = 200;
+  reply->cache = LOD_CACHE_REVALIDATE;
+  reply->type = type;
+  reply->body = body;
+  reply->shared = !selection->has_view; /* a screen error hardly ever comes twice */
+  snprintf(reply->etag, sizeof reply->etag, "\"%s\"", choice->level->sha256);
+  describe(reply, selection, choice);
+}
+
+static void choose_and_open(struct lod_exchange *exchange);
+
+/* may_block: on a background thread; else an object that is not mapped yet is left to one. */
+static void answer_choice(struct lod_exchange *exchange, const struct lod_selection *selection, const struct lod_choice *choice,
+                          bool may_block) {
   struct lod_query_problem problem = {0};
-  struct lod_body *body;
-  const char *type;
-  if (lod_service_object(exchange->service, choice->level->sha256, &body, &type, &problem.problem) != LOD_OK) {
-    lod_reply_failure(reply, &problem);
+  const char *type, *name = choice->level->sha256;
+  struct lod_body *body = lod_service_find_object(exchange->service, name, &type);
+  if (!body && !may_block) {
+    exchange->work = choose_and_open;
+  } else if (!body && lod_service_open_object(exchange->service, name, &body, &type, &problem.problem) != LOD_OK) {
+    lod_reply_failure(&exchange->reply, &problem);
   } else if (!body) {
     /* Between choosing and opening the model was replaced or deleted. */
-    lod_reply_problem(reply, 503, "model-changed", "The model changed while the level was chosen; ask again.", "");
-    lod_reply_header(reply, "Retry-After", "1");
+    lod_reply_problem(&exchange->reply, 503, "model-changed", "The model changed while the level was chosen; ask again.", "");
+    lod_reply_header(&exchange->reply, "Retry-After", "1");
   } else {
-    reply->status = 200;
-    reply->cache = LOD_CACHE_REVALIDATE;
-    reply->type = type;
-    reply->body = body;
-    reply->shared = !selection->has_view; /* a screen error hardly ever comes twice */
-    snprintf(reply->etag, sizeof reply->etag, "\"%s\"", choice->level->sha256);
-    describe(reply, selection, choice);
+    answer_body(exchange, selection, choice, body, type);
   }
 }
 
-void lod_answer_level(struct lod_exchange *exchange) {
+static void answer_level(struct lod_exchange *exchange, bool may_block) {
   const char *id = exchange->target.segments[2];
   struct lod_query_problem problem = {0};
   struct lod_selection selection;
@@ -55,6 +66,14 @@ void lod_answer_level(struct lod_exchange *exchange) {
   else if (lod_selection_choose(&selection, model, &choice, &problem) != LOD_OK)
     lod_reply_failure(&exchange->reply, &problem);
   else
-    answer_choice(exchange, &selection, &choice);
+    answer_choice(exchange, &selection, &choice, may_block);
   lod_store_model_release(model);
+}
+
+static void choose_and_open(struct lod_exchange *exchange) {
+  answer_level(exchange, true);
+}
+
+void lod_answer_level(struct lod_exchange *exchange) {
+  answer_level(exchange, false);
 }

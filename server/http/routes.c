@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 static const char *const kNone[] = {NULL};
@@ -284,24 +285,42 @@ static void release_object(void *object) {
   lod_store_object_release(object);
 }
 
-enum lod_status lod_service_object(struct lod_service *service, const char *sha256, struct lod_body **body, const char **type,
-                                   struct lod_problem *problem) {
-  uint64_t generation = lod_store_generation(service->store);
-  struct lod_cache_entry *entry = lod_cache_find(service->objects, sha256, LOD_SHA256_HEX, generation);
-  *body = NULL;
-  if (!entry) {
-    struct lod_object *object;
-    LOD_TRY(lod_store_object_open(service->store, sha256, &object, problem));
-    if (!object)
-      return LOD_OK;
-    struct lod_body *opened = lod_body_create(object->bytes, object->size, release_object, object);
-    entry = opened ? lod_cache_insert(service->objects, sha256, LOD_SHA256_HEX, generation, opened) : NULL;
-    if (!entry)
-      return lod_fail_memory(problem);
-  }
-  *body = lod_body_retain(lod_cache_value(entry));
-  *type = ((const struct lod_object *)(*body)->context)->type;
+/* Holds the cached body for the caller and lets the entry go. */
+static struct lod_body *take_object(struct lod_service *service, struct lod_cache_entry *entry, const char **type) {
+  struct lod_body *body = lod_body_retain(lod_cache_value(entry));
+  *type = ((const struct lod_object *)body->context)->type;
   lod_cache_release(service->objects, entry);
+  return body;
+}
+
+struct lod_body *lod_service_find_object(struct lod_service *service, const char *sha256, const char **type) {
+  struct lod_cache_entry *entry = lod_cache_find(service->objects, sha256, LOD_SHA256_HEX, lod_store_generation(service->store));
+  return entry ? take_object(service, entry, type) : NULL;
+}
+
+/* A page that is not in memory would stop an event loop, and all of its connections, for the time of a disk access. The beginning is read
+ * here, on a background thread, and the rest asked for: by when it is sent it is there. */
+static void read_ahead(const struct lod_object *object) {
+  enum { BEGINNING = 4 << 20 };
+  void *bytes = (void *)object->bytes;
+  if (madvise(bytes, object->size < BEGINNING ? object->size : BEGINNING, MADV_POPULATE_READ) != 0 || object->size > BEGINNING)
+    madvise(bytes, object->size, MADV_WILLNEED);
+}
+
+enum lod_status lod_service_open_object(struct lod_service *service, const char *sha256, struct lod_body **body, const char **type,
+                                        struct lod_problem *problem) {
+  uint64_t generation = lod_store_generation(service->store);
+  struct lod_object *object;
+  *body = NULL;
+  LOD_TRY(lod_store_object_open(service->store, sha256, &object, problem));
+  if (!object)
+    return LOD_OK;
+  read_ahead(object);
+  struct lod_body *opened = lod_body_create(object->bytes, object->size, release_object, object);
+  struct lod_cache_entry *entry = opened ? lod_cache_insert(service->objects, sha256, LOD_SHA256_HEX, generation, opened) : NULL;
+  if (!entry)
+    return lod_fail_memory(problem);
+  *body = take_object(service, entry, type);
   return LOD_OK;
 }
 

@@ -39,9 +39,11 @@ LOD_WARN_UNUSED enum lod_status lod_service_init(struct lod_service *service, st
 void lod_service_finish(struct lod_service *service);
 /* Lets go of what is cached of models that were replaced or deleted, so that the store can remove their objects; any thread. */
 void lod_service_trim(struct lod_service *service);
-/* The object's bytes, retained; NULL and LOD_OK when there is none. *type: media type, valid while the body is held. */
-LOD_WARN_UNUSED enum lod_status lod_service_object(struct lod_service *service, const char *sha256, struct lod_body **body,
-                                                   const char **type, struct lod_problem *problem);
+/* The object's bytes when they are mapped already, retained; else NULL. *type: media type, valid while the body is held. */
+struct lod_body *lod_service_find_object(struct lod_service *service, const char *sha256, const char **type);
+/* The same; maps the object when it has to and reads its beginning from the disk, so it may block. NULL and LOD_OK: there is none. */
+LOD_WARN_UNUSED enum lod_status lod_service_open_object(struct lod_service *service, const char *sha256, struct lod_body **body,
+                                                        const char **type, struct lod_problem *problem);
 
 struct lod_exchange {
   struct lod_service *service;   /* not owned */

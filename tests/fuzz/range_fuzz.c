@@ -23,7 +23,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     uint64_t first, count;
     if (lod_range_parse(text, kSizes[i], &first, &count) == LOD_RANGE_PART)
       require(count > 0 && first < kSizes[i] && count <= kSizes[i] - first);
-    const struct lod_conditions conditions = {.if_none_match = text, .if_match = i % 2 ? text : NULL, .if_range = text, .range = text, .get = true};
+    const struct lod_conditions conditions = {
+        .if_none_match = text, .if_match = i % 2 ? text : NULL, .if_range = text, .range = text, .get = true};
     struct lod_plan plan = lod_conditions_plan(&conditions, "\"a\"", kSizes[i]);
     require(plan.status == 200 || plan.status == 206 || plan.status == 304 || plan.status == 412 || plan.status == 416);
   }
