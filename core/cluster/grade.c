@@ -60,14 +60,19 @@ static float dot(const float a[3], const float b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+/* For telling multisets apart by their sums. */
+static uint64_t mix(uint32_t v) {
+  return (v + UINT64_C(0x9e3779b97f4a7c15)) * (v + UINT64_C(0xbf58476d1ce4e5b9));
+}
+
 static void add_few(const struct cluster_unit *unit, uint32_t v, const uint32_t *corners, uint32_t count, struct neighbourhood *hood,
                     const uint32_t *edge_ends) {
   uint32_t next[ALL_PAIRS / 2], previous[ALL_PAIRS / 2];
   uint64_t next_sum = 0, previous_sum = 0;
   for (uint32_t i = 0; i < count; i++) {
     other_ends(unit, corners[i], &next[i], &previous[i], edge_ends);
-    next_sum += cluster_hash(next[i]);
-    previous_sum += cluster_hash(previous[i]);
+    next_sum += mix(next[i]);
+    previous_sum += mix(previous[i]);
   }
   double squared;
   for (uint32_t i = 0; i < count; i++)

@@ -13,18 +13,26 @@
 
 static const double kFoldArea = 0.25;
 
-/* In `nearby` while it is being filled: a triangle's id, or one of these with the id of a pair or cell. */
+/* In `nearby` while it is being filled: a triangle's id, or one of these with the number of a pair or cell. */
 enum { COLLAPSED_TO_PAIR = 1 << 30 };
 #define COLLAPSED_TO_CELL (2u << 30)
 #define COLLAPSED_ID 0x3fffffffu
 _Static_assert(COLLAPSED_TO_PAIR > CLUSTER_MAX_COUNT, "tags lie above ids");
 
-/* Two cells, the smaller first, that a triangle or an edge has collapsed to. */
+/* Two cells, the lesser first, that a triangle or an edge has collapsed to. */
 struct pair {
   uint32_t cell[2];
   uint32_t source;    /* as cluster_synthesis.edge_source */
-  uint32_t primitive; /* once resolved */
+  uint32_t primitive; /* the triangle that covers it, or LOD_NONE while it is to become an edge */
 };
+
+/* A side of a surviving triangle, at its lesser end. */
+struct side {
+  uint32_t other, triangle;
+};
+
+/* Beyond this many sides at a cell, what they say about a pair is remembered in the table of pairs. */
+enum { LONG_LIST = 64 };
 
 struct work {
   const struct cluster_unit *unit;
@@ -35,7 +43,8 @@ struct work {
   uint32_t *triangle_slots, *pair_slots;
   struct pair *pairs;
   uint32_t (*folds)[2];      /* triangles of equal cells and opposite orientation */
-  uint32_t *fan_begin, *fan; /* cell -> its triangles, CSR */
+  uint32_t *side_begin;      /* cell -> the sides of surviving triangles that it is the lesser end of, CSR */
+  struct side *sides;
   uint32_t *cell_source;     /* cell -> first source primitive that collapsed into it */
 };
 
@@ -82,11 +91,9 @@ static enum lod_status resize_triangle_slots(struct work *work, uint32_t size) {
   return LOD_OK;
 }
 
-static enum lod_status add_triangle(struct work *work, const uint32_t image[3], uint32_t source, uint32_t *room) {
+static enum lod_status add_triangle(struct work *work, const uint32_t key[3], uint32_t hash, uint32_t source, uint32_t *room) {
   struct cluster_synthesis *out = work->out;
-  uint32_t key[3], reverse = LOD_NONE;
-  rotate(image[0], image[1], image[2], key);
-  uint32_t slot = (uint32_t)triangle_hash(key) & work->triangle_mask;
+  uint32_t reverse = LOD_NONE, slot = hash & work->triangle_mask;
   for (uint32_t id; (id = work->triangle_slots[slot]) != LOD_NONE; slot = (slot + 1) & work->triangle_mask) {
     const uint32_t *other = out->triangles[id];
     if (other[0] != key[0])
@@ -106,7 +113,7 @@ static enum lod_status add_triangle(struct work *work, const uint32_t image[3], 
       return LOD_MEMORY;
   }
   uint32_t id = out->triangle_count++;
-  memcpy(out->triangles[id], key, sizeof key);
+  memcpy(out->triangles[id], key, sizeof out->triangles[id]);
   out->triangle_source[id] = source;
   out->nearby[source] = id;
   work->triangle_slots[slot] = id;
@@ -143,50 +150,103 @@ static enum lod_status resize_pair_slots(struct work *work, uint32_t size) {
   return LOD_OK;
 }
 
+/* A surviving triangle with side low-high, or LOD_NONE. */
+static uint32_t triangle_beside(const struct work *work, uint32_t low, uint32_t high) {
+  for (uint32_t i = work->side_begin[low]; i < work->side_begin[low + 1]; i++)
+    if (work->sides[i].other == high)
+      return work->sides[i].triangle;
+  return LOD_NONE;
+}
+
+/* *id: the number of the pair of cells in `nearby`'s terms, that is the triangle that covers it or COLLAPSED_TO_PAIR with a pair. */
 static enum lod_status add_pair(struct work *work, uint32_t a, uint32_t b, uint32_t source, uint32_t *id) {
-  uint32_t low = a < b ? a : b, high = a < b ? b : a, slot = pair_slot(work, low, high);
-  *id = work->pair_slots[slot];
-  if (*id != LOD_NONE)
+  uint32_t low = a < b ? a : b, high = a < b ? b : a, beside = LOD_NONE;
+  bool remember = work->side_begin[low + 1] - work->side_begin[low] > LONG_LIST;
+  if (!remember && (beside = triangle_beside(work, low, high)) != LOD_NONE) {
+    *id = beside;
     return LOD_OK;
+  }
+  uint32_t slot = pair_slot(work, low, high);
+  *id = work->pair_slots[slot];
+  if (*id != LOD_NONE) {
+    *id = work->pairs[*id].primitive != LOD_NONE ? work->pairs[*id].primitive : COLLAPSED_TO_PAIR | *id;
+    return LOD_OK;
+  }
+  if (remember)
+    beside = triangle_beside(work, low, high);
   if (work->pair_count == work->pair_room) {
     work->pairs = grow(work->scratch, work->pairs, work->pair_count, sizeof *work->pairs, &work->pair_room);
     if (work->pairs == NULL)
       return LOD_MEMORY;
   }
-  *id = work->pair_slots[slot] = work->pair_count++;
-  work->pairs[*id] = (struct pair){{low, high}, source, LOD_NONE};
+  uint32_t pair = work->pair_slots[slot] = work->pair_count++;
+  work->pairs[pair] = (struct pair){{low, high}, source, beside};
+  *id = beside != LOD_NONE ? beside : COLLAPSED_TO_PAIR | pair;
   if (2 * (uint64_t)work->pair_count > work->pair_mask)
     return resize_pair_slots(work, 2 * (work->pair_mask + 1));
   return LOD_OK;
 }
 
-/* likely: triangles of the level to make room for. */
+/* A source triangle on its way: where its slot is going to be looked for. */
+struct arrival {
+  uint32_t source, slot;
+  uint32_t key[3]; /* rotated cells */
+};
+
+/* Surviving triangles, in source order. Hashes a handful ahead, so that their slots are on the way from memory while the ones before are
+ * looked up. likely: triangles of the level to make room for. */
 static enum lod_status map_triangles(struct work *work, uint32_t likely) {
   const struct cluster_unit *unit = work->unit;
   const uint32_t *image = work->cells->image;
-  work->out->triangles = lod_arena_alloc(work->scratch, likely, sizeof *work->out->triangles);
-  work->out->triangle_source = LOD_NEW(work->scratch, likely, uint32_t);
-  if (work->out->triangles == NULL || work->out->triangle_source == NULL)
+  struct cluster_synthesis *out = work->out;
+  out->triangles = lod_arena_alloc(work->scratch, likely, sizeof *out->triangles);
+  out->triangle_source = LOD_NEW(work->scratch, likely, uint32_t);
+  if (out->triangles == NULL || out->triangle_source == NULL)
     return LOD_MEMORY;
-  uint32_t room = likely, last[2] = {LOD_NONE, LOD_NONE}, last_id = LOD_NONE;
-  for (uint32_t t = 0; t < unit->mesh->triangle_count; t++) {
+  enum { AHEAD = 32 };
+  struct arrival arrivals[AHEAD];
+  uint32_t room = likely, waiting = 0;
+  for (uint32_t t = 0, count = unit->mesh->triangle_count; t < count; t++) {
     const uint32_t *v = unit->triangles[t];
-    uint32_t i[3] = {image[v[0]], image[v[1]], image[v[2]]};
-    if (i[0] == i[1] && i[1] == i[2]) {
-      work->out->nearby[t] = COLLAPSED_TO_CELL | i[0];
-      if (work->cell_source[i[0]] == LOD_NONE)
-        work->cell_source[i[0]] = t;
-    } else if (i[0] != i[1] && i[1] != i[2] && i[2] != i[0]) {
-      LOD_TRY(add_triangle(work, i, t, &room));
+    uint32_t a = image[v[0]], b = image[v[1]], c = image[v[2]];
+    if (a == b && b == c) {
+      out->nearby[t] = COLLAPSED_TO_CELL | a;
+      if (work->cell_source[a] == LOD_NONE)
+        work->cell_source[a] = t;
+    } else if (a != b && b != c && c != a) {
+      struct arrival *arrival = &arrivals[waiting++];
+      rotate(a, b, c, arrival->key);
+      arrival->source = t;
+      arrival->slot = (uint32_t)triangle_hash(arrival->key);
+      __builtin_prefetch(&work->triangle_slots[arrival->slot & work->triangle_mask]);
     } else {
-      uint32_t a = i[0], b = i[1] != a ? i[1] : i[2];
-      if (!((a == last[0] && b == last[1]) || (a == last[1] && b == last[0]))) {
-        LOD_TRY(add_pair(work, a, b, t, &last_id));
-        last[0] = a;
-        last[1] = b;
-      }
-      work->out->nearby[t] = COLLAPSED_TO_PAIR | last_id;
+      out->nearby[t] = COLLAPSED_TO_PAIR;
     }
+    if (waiting == AHEAD || t + 1 == count) {
+      for (uint32_t i = 0; i < waiting; i++)
+        LOD_TRY(add_triangle(work, arrivals[i].key, arrivals[i].slot, arrivals[i].source, &room));
+      waiting = 0;
+    }
+  }
+  return LOD_OK;
+}
+
+/* Triangles collapsed to a pair of cells: the triangle that covers the pair, or a new pair. */
+static enum lod_status map_pairs(struct work *work) {
+  const struct cluster_unit *unit = work->unit;
+  const uint32_t *image = work->cells->image;
+  uint32_t last[2] = {LOD_NONE, LOD_NONE}, last_id = LOD_NONE;
+  for (uint32_t t = 0; t < unit->mesh->triangle_count; t++) {
+    if (work->out->nearby[t] != COLLAPSED_TO_PAIR)
+      continue;
+    const uint32_t *v = unit->triangles[t];
+    uint32_t a = image[v[0]], b = image[v[1]] != a ? image[v[1]] : image[v[2]];
+    if (!((a == last[0] && b == last[1]) || (a == last[1] && b == last[0]))) {
+      LOD_TRY(add_pair(work, a, b, t, &last_id));
+      last[0] = a;
+      last[1] = b;
+    }
+    work->out->nearby[t] = last_id;
   }
   return LOD_OK;
 }
@@ -265,57 +325,44 @@ static enum lod_status remove_folds(struct work *work) {
   return LOD_OK;
 }
 
-static enum lod_status list_fans(struct work *work) {
+/* Also a triangle of each cell, in cell_primitive. */
+static enum lod_status list_sides(struct work *work, uint32_t *cell_primitive) {
   const struct cluster_synthesis *out = work->out;
   uint32_t cells = work->cells->count;
-  work->fan_begin = LOD_NEW_ZERO(work->scratch, (size_t)cells + 1, uint32_t);
-  work->fan = LOD_NEW(work->scratch, 3 * (size_t)out->triangle_count, uint32_t);
-  if (work->fan_begin == NULL || work->fan == NULL)
+  uint32_t *begin = work->side_begin = LOD_NEW_ZERO(work->scratch, (size_t)cells + 1, uint32_t);
+  work->sides = lod_arena_alloc(work->scratch, 3 * (size_t)out->triangle_count, sizeof *work->sides);
+  if (begin == NULL || work->sides == NULL)
     return LOD_MEMORY;
+  memset(cell_primitive, 0xff, cells * sizeof *cell_primitive);
   for (uint32_t i = 0; i < out->triangle_count; i++)
-    for (int k = 0; k < 3; k++)
-      work->fan_begin[out->triangles[i][k]]++;
+    for (int k = 0; k < 3; k++) {
+      uint32_t a = out->triangles[i][k], b = out->triangles[i][k == 2 ? 0 : k + 1];
+      begin[a < b ? a : b]++;
+      cell_primitive[a] = i;
+    }
   uint32_t sum = 0;
   for (uint32_t c = 0; c <= cells; c++) {
-    sum += work->fan_begin[c];
-    work->fan_begin[c] = sum;
+    sum += begin[c];
+    begin[c] = sum;
   }
   for (uint32_t i = out->triangle_count; i-- > 0;)
-    for (int k = 0; k < 3; k++)
-      work->fan[--work->fan_begin[out->triangles[i][k]]] = i;
+    for (int k = 0; k < 3; k++) {
+      uint32_t a = out->triangles[i][k], b = out->triangles[i][k == 2 ? 0 : k + 1];
+      work->sides[--begin[a < b ? a : b]] = (struct side){a < b ? b : a, i};
+    }
   return LOD_OK;
 }
 
-/* A surviving triangle with both cells, or LOD_NONE. Walks the shorter fan: all pairs together take O(n sqrt n) at worst. */
-static uint32_t triangle_with(const struct work *work, uint32_t a, uint32_t b) {
-  if (work->fan_begin[a + 1] - work->fan_begin[a] > work->fan_begin[b + 1] - work->fan_begin[b]) {
-    uint32_t other = a;
-    a = b;
-    b = other;
-  }
-  for (uint32_t i = work->fan_begin[a]; i < work->fan_begin[a + 1]; i++) {
-    const uint32_t *t = work->out->triangles[work->fan[i]];
-    if (t[0] == b || t[1] == b || t[2] == b)
-      return work->fan[i];
-  }
-  return LOD_NONE;
-}
-
-/* Pairs that no triangle covers become edges; cells that nothing uses become points. cell_primitive: any primitive of each cell. */
+/* Pairs that no triangle covers become edges; cells that nothing uses become points, and get their primitive in cell_primitive. */
 static enum lod_status keep_uncovered(struct work *work, uint32_t *cell_primitive, struct lod_arena *arena) {
   struct cluster_synthesis *out = work->out;
   uint32_t cells = work->cells->count;
-  for (uint32_t p = 0; p < work->pair_count; p++) {
-    struct pair *pair = &work->pairs[p];
-    pair->primitive = triangle_with(work, pair->cell[0], pair->cell[1]);
-    out->edge_count += pair->primitive == LOD_NONE;
-  }
+  for (uint32_t p = 0; p < work->pair_count; p++)
+    out->edge_count += work->pairs[p].primitive == LOD_NONE;
   out->edges = lod_arena_alloc(arena, out->edge_count, sizeof *out->edges);
   out->edge_source = LOD_NEW(arena, out->edge_count, uint32_t);
   if (out->edges == NULL || out->edge_source == NULL)
     return LOD_MEMORY;
-  for (uint32_t c = 0; c < cells; c++)
-    cell_primitive[c] = work->fan_begin[c] != work->fan_begin[c + 1] ? work->fan[work->fan_begin[c]] : LOD_NONE;
   for (uint32_t p = 0, edge = 0; p < work->pair_count; p++) {
     struct pair *pair = &work->pairs[p];
     if (pair->primitive != LOD_NONE)
@@ -368,11 +415,12 @@ static enum lod_status synthesize(struct work *work, struct lod_arena *arena) {
   memset(work->cell_source, 0xff, cells * sizeof *work->cell_source);
   uint64_t likely = 2 * (uint64_t)cells < source_count ? 2 * (uint64_t)cells : source_count;
   LOD_TRY(resize_triangle_slots(work, cluster_power_of_two(2 * likely)));
-  LOD_TRY(resize_pair_slots(work, cluster_power_of_two(likely)));
+  LOD_TRY(resize_pair_slots(work, 256));
   LOD_TRY(map_triangles(work, (uint32_t)likely + 16));
-  LOD_TRY(map_free_primitives(work));
   LOD_TRY(remove_folds(work));
-  LOD_TRY(list_fans(work));
+  LOD_TRY(list_sides(work, cell_primitive));
+  LOD_TRY(map_pairs(work));
+  LOD_TRY(map_free_primitives(work));
   LOD_TRY(keep_uncovered(work, cell_primitive, arena));
   for (uint32_t t = 0; t < source_count; t++) {
     uint32_t id = out->nearby[t] & COLLAPSED_ID;
