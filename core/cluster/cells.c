@@ -20,11 +20,11 @@ enum {
   CROWD_CUBE = 8,    /* centres a grid cell at most: two half cells an axis, one centre in each */
   CROWD_SPHERE = 64, /* four an axis: their diagonal is below the radius */
   CANDIDATES = 8 * CROWD_SPHERE,
-  RUN = 16,             /* blocks that are first tried together, then 4, then 1, then each vertex by itself ... */
-  RUN_GRID_CELLS = 64,  /* ... as long as they span more of the grid than this, */
+  RUN = 16,               /* blocks that are first tried together, then 4, then 1, then each vertex by itself ... */
+  RUN_GRID_CELLS = 64,    /* ... as long as they span more of the grid than this, */
   BLOCK_GRID_CELLS = 256, /* or, one block, than this */
-  LINE = 16,           /* buckets of a cache line */
-  AHEAD = 12,          /* vertices whose memory is asked for in advance */
+  LINE = 16,              /* buckets of a cache line */
+  AHEAD = 12,             /* vertices whose memory is asked for in advance */
 };
 
 struct centre {
@@ -36,7 +36,7 @@ struct centre {
 
 struct grid {
   double origin[3], inverse;
-  uint32_t line_shift, lines, count;
+  uint32_t line_shift, lines, count, room;
   uint32_t *heads; /* lines * LINE; first centre of each bucket or LOD_NONE */
   struct centre *centres;
   struct lod_arena *arena; /* of the heads */
@@ -73,7 +73,8 @@ static inline void grid_coordinates(const struct grid *grid, const float p[3], d
 }
 
 static inline uint32_t bucket(const struct grid *grid, int32_t i, int32_t j, int32_t k, uint32_t key) {
-  uint32_t mixed = (uint32_t)(i >> 1) * 0x8da6b343u + (uint32_t)(j >> 1) * 0xd8163841u + (uint32_t)(k >> 2) * 0xcb1ab31fu + key * 0x165667b1u;
+  uint32_t mixed =
+      (uint32_t)(i >> 1) * 0x8da6b343u + (uint32_t)(j >> 1) * 0xd8163841u + (uint32_t)(k >> 2) * 0xcb1ab31fu + key * 0x165667b1u;
   mixed ^= mixed >> 15;
   uint32_t line = (uint32_t)((uint64_t)(mixed * 0x9e3779b1u) >> grid->line_shift);
   return line * LINE + (uint32_t)((i & 1) | (j & 1) << 1 | (k & 3) << 2);
@@ -101,20 +102,32 @@ static enum lod_status grid_resize(struct grid *grid, uint32_t lines) {
   return LOD_OK;
 }
 
-/* most: room for centres; likely: how many there will be. */
-static enum lod_status grid_create(struct grid *grid, const struct cluster_unit *unit, double cell, uint32_t most, uint32_t likely,
+/* likely: how many centres there will be. */
+static enum lod_status grid_create(struct grid *grid, const struct cluster_unit *unit, double cell, uint32_t likely,
                                    struct lod_arena *arena) {
-  *grid = (struct grid){.inverse = 1 / cell, .arena = arena, .centres = lod_arena_alloc(arena, most, sizeof *grid->centres)};
+  uint32_t room = likely + 16;
+  *grid = (struct grid){.inverse = 1 / cell, .arena = arena, .room = room, .centres = lod_arena_alloc(arena, room, sizeof *grid->centres)};
   memcpy(grid->origin, unit->origin, sizeof grid->origin);
   if (grid->centres == NULL)
     return LOD_MEMORY;
   return grid_resize(grid, cluster_power_of_two(likely / 3));
 }
 
-/* There is room in grid->centres. */
+static enum lod_status grid_grow(struct grid *grid) {
+  struct centre *larger = lod_arena_alloc(grid->arena, 2 * (size_t)grid->room, sizeof *larger);
+  if (larger == NULL)
+    return LOD_MEMORY;
+  memcpy(larger, grid->centres, grid->count * sizeof *larger);
+  grid->centres = larger;
+  grid->room *= 2;
+  return LOD_OK;
+}
+
 static inline enum lod_status grid_insert(struct grid *grid, const float p[3], uint32_t vertex, uint32_t key) {
   if (grid->count / 4 > grid->lines)
     LOD_TRY(grid_resize(grid, 4 * grid->lines));
+  if (grid->count == grid->room)
+    LOD_TRY(grid_grow(grid));
   grid->centres[grid->count] = (struct centre){{p[0], p[1], p[2]}, LOD_NONE, vertex, key};
   grid_link(grid, grid->count++);
   return LOD_OK;
@@ -143,7 +156,8 @@ static inline const struct centre *find_cover(const struct search *search, const
   }
   for (int i = 0; i < 8; i++) {
     int side = kOrder[i];
-    uint32_t b = bucket(grid, at[0] + (side & 1 ? beside[0] : 0), at[1] + (side & 2 ? beside[1] : 0), at[2] + (side & 4 ? beside[2] : 0), key);
+    uint32_t b =
+        bucket(grid, at[0] + (side & 1 ? beside[0] : 0), at[1] + (side & 2 ? beside[1] : 0), at[2] + (side & 4 ? beside[2] : 0), key);
     for (uint32_t c = grid->heads[b]; c != LOD_NONE; c = grid->centres[c].next) {
       const struct centre *centre = &grid->centres[c];
       if (centre->key == key && covers(&search->reach, p[0] - centre->p[0], p[1] - centre->p[1], p[2] - centre->p[2]))
@@ -259,15 +273,15 @@ static struct reach make_reach(const struct lod_cluster_settings *settings, doub
   return (struct reach){half, half * half, settings->shape == LOD_CLUSTER_SPHERE};
 }
 
-enum lod_status cluster_open(const struct cluster_unit *unit, const struct lod_cluster_settings *settings, double cell, const uint32_t *keys,
-                             uint8_t *birth, uint8_t level, struct lod_arena *arena, uint32_t *count) {
+enum lod_status cluster_open(const struct cluster_unit *unit, const struct lod_cluster_settings *settings, double cell,
+                             const uint32_t *keys, uint8_t *birth, uint8_t level, struct lod_arena *arena, uint32_t *count) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   if (scratch == NULL)
     return LOD_MEMORY;
   struct search search = {.unit = unit, .settings = settings, .keys = keys, .reach = make_reach(settings, cell)};
   uint16_t *covered = LOD_NEW_ZERO(scratch, unit->block_count, uint16_t);
   double likely = fmin(2 * unit->area / (cell * cell), unit->count);
-  enum lod_status status = covered != NULL ? grid_create(&search.grid, unit, cell, unit->count, (uint32_t)likely, scratch) : LOD_MEMORY;
+  enum lod_status status = covered != NULL ? grid_create(&search.grid, unit, cell, (uint32_t)likely, scratch) : LOD_MEMORY;
   if (status == LOD_OK)
     status = open_cells(&search, birth, level, covered);
   *count = search.grid.count;
@@ -493,7 +507,8 @@ static float assign_block(struct assignment *assignment, struct assigner *assign
   uint32_t first = block * CLUSTER_BLOCK, size = unit->count - first < CLUSTER_BLOCK ? unit->count - first : CLUSTER_BLOCK;
   float reach = 0, best[CLUSTER_BLOCK];
   uint32_t cell[CLUSTER_BLOCK];
-  if (wide == NULL && one_key(search, block) && gather(search, unit->block_box[block], vertex_key(search, first), BLOCK_GRID_CELLS, &assigner->wide))
+  if (wide == NULL && one_key(search, block) &&
+      gather(search, unit->block_box[block], vertex_key(search, first), BLOCK_GRID_CELLS, &assigner->wide))
     wide = &assigner->wide;
   if (wide == NULL) {
     for (uint32_t i = 0; i < size; i++) {
@@ -578,7 +593,7 @@ static enum lod_status assign(struct assignment *assignment, double cell, const 
   assignment->reach_squared = LOD_NEW(scratch, chunks, float);
   if (cells->centre == NULL || cells->image == NULL || assignment->reach_squared == NULL)
     return LOD_MEMORY;
-  LOD_TRY(grid_create(&search->grid, unit, cell, count, count, scratch));
+  LOD_TRY(grid_create(&search->grid, unit, cell, count, scratch));
   for (uint32_t v = 0; v < unit->count; v++)
     if (birth[v] <= level) {
       float p[3];

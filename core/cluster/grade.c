@@ -123,6 +123,33 @@ static void add_many(const struct cluster_unit *unit, uint32_t v, const uint32_t
   hood->count = reach[0] > -FLT_MAX ? DIRECTIONS : 0;
 }
 
+/* Sum of area n n' over the triangles of a vertex. */
+static void sum_planes(const struct cluster_unit *unit, uint32_t v, const uint32_t *corners, uint32_t count, float out[6]) {
+  double a[6] = {0};
+  double px = (double)unit->x[v], py = (double)unit->y[v], pz = (double)unit->z[v];
+  for (uint32_t i = 0; i < count; i++) {
+    if (corners[i] >= 3 * unit->mesh->triangle_count)
+      continue;
+    uint32_t ends[2];
+    other_ends(unit, corners[i], &ends[0], &ends[1], NULL);
+    double ax = (double)unit->x[ends[0]] - px, ay = (double)unit->y[ends[0]] - py, az = (double)unit->z[ends[0]] - pz;
+    double bx = (double)unit->x[ends[1]] - px, by = (double)unit->y[ends[1]] - py, bz = (double)unit->z[ends[1]] - pz;
+    double x = ay * bz - az * by, y = az * bx - ax * bz, z = ax * by - ay * bx;
+    double area = sqrt(x * x + y * y + z * z);
+    if (!(area > 0))
+      continue;
+    double inverse = 1 / area;
+    a[0] += x * x * inverse;
+    a[1] += x * y * inverse;
+    a[2] += x * z * inverse;
+    a[3] += y * y * inverse;
+    a[4] += y * z * inverse;
+    a[5] += z * z * inverse;
+  }
+  for (int i = 0; i < 6; i++)
+    out[i] = (float)a[i];
+}
+
 static void grade_range(void *context, size_t begin, size_t end, size_t chunk) {
   (void)chunk;
   const struct grading *grading = context;
@@ -144,6 +171,8 @@ static void grade_range(void *context, size_t begin, size_t end, size_t chunk) {
         float cosine = dot(hood.unit[i], hood.unit[j]);
         least = cosine < least ? cosine : least;
       }
+    if (unit->quadric != NULL)
+      sum_planes(unit, (uint32_t)v, corners, count, unit->quadric[v]);
     double factor = angle_factor((double)least, grading->settings->grading);
     double length = sqrt(hood.longest_squared);
     unit->weight[v] = (float)(grading->settings->combination == LOD_CLUSTER_PRODUCT ? factor * length : factor);

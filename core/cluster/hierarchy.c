@@ -126,71 +126,71 @@ static enum lod_status climb_given(struct ladder *ladder) {
   return LOD_OK;
 }
 
-/* Both lists ascend, and every coarse centre is a fine one. */
-static void find_parents(const struct cluster_cells *coarse, const uint32_t *fine, uint32_t *parents) {
-  for (uint32_t c = 0, f = 0; c < coarse->count; c++) {
-    while (fine[f] != coarse->centre[c])
-      f++;
-    parents[c] = f;
+/* Centres with birth <= level and with birth <= finer ascend alike: a coarse centre's parent is its number among the finer ones. */
+static void find_parents(const struct cluster_unit *unit, const uint8_t *birth, uint32_t level, uint32_t finer, uint32_t *parents) {
+  uint32_t coarse = 0, fine = 0;
+  for (uint32_t v = 0; v < unit->count; v++) {
+    if (birth[v] <= level)
+      parents[coarse++] = fine;
+    fine += birth[v] <= finer;
   }
 }
 
-/* What stays from one level to the next: the centres of the level just emitted, per unit. */
-struct emission {
-  struct lod_arena *arena;
-  struct cluster_cells *cells; /* per unit */
-};
+static enum lod_status make_unit_level(const struct ladder *ladder, uint32_t level, uint32_t u, struct lod_arena *arena,
+                                       struct lod_mesh *mesh, uint32_t **images, uint32_t **nearby, double *bound) {
+  const struct cluster_unit *unit = &ladder->cluster->units[u];
+  const struct lod_cluster_settings *settings = &ladder->cluster->settings;
+  double cell = cluster_working_cell(unit, ladder->cells[level]);
+  struct cluster_cells cells;
+  uint32_t *keys;
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  enum lod_status status = scratch != NULL ? cluster_keys(unit, cell, settings->separate, scratch, &keys) : LOD_MEMORY;
+  if (status == LOD_OK)
+    status = cluster_assign(unit, settings, cell, keys, ladder->birth[u], (uint8_t)level, scratch, &cells);
+  if (status == LOD_OK)
+    status = cluster_make_mesh(unit, settings, &cells, arena, mesh, images, nearby, bound);
+  lod_arena_destroy(scratch);
+  return status;
+}
 
-static enum lod_status make_level(const struct ladder *ladder, uint32_t level, const struct emission *finer, struct lod_arena *arena,
-                                  struct cluster_cells *cells, struct lod_level *out) {
-  const struct lod_cluster *cluster = ladder->cluster;
-  *out = (struct lod_level){.cell = ladder->cells[level]};
-  out->meshes = LOD_NEW_ZERO(arena, cluster->unit_count, struct lod_mesh);
-  uint32_t **images = LOD_NEW_ZERO(arena, cluster->unit_count, uint32_t *), **nearby = LOD_NEW_ZERO(arena, cluster->unit_count, uint32_t *);
-  uint32_t **parents = LOD_NEW_ZERO(arena, cluster->unit_count, uint32_t *);
+static enum lod_status make_level(const struct ladder *ladder, uint32_t level, struct lod_arena *arena, struct lod_level *out) {
+  uint32_t unit_count = ladder->cluster->unit_count;
+  *out = (struct lod_level){.cell = ladder->cells[level], .meshes = LOD_NEW_ZERO(arena, unit_count, struct lod_mesh)};
+  uint32_t **images = LOD_NEW_ZERO(arena, unit_count, uint32_t *), **nearby = LOD_NEW_ZERO(arena, unit_count, uint32_t *);
+  uint32_t **parents = LOD_NEW_ZERO(arena, unit_count, uint32_t *);
   if (out->meshes == NULL || images == NULL || nearby == NULL || parents == NULL)
     return LOD_MEMORY;
-  for (uint32_t u = 0; u < cluster->unit_count; u++) {
-    const struct cluster_unit *unit = &cluster->units[u];
-    double working = cluster_working_cell(unit, out->cell), bound = 0;
-    uint32_t *keys;
-    LOD_TRY(cluster_keys(unit, working, cluster->settings.separate, arena, &keys));
-    LOD_TRY(cluster_assign(unit, &cluster->settings, working, keys, ladder->birth[u], (uint8_t)level, arena, &cells[u]));
-    LOD_TRY(cluster_make_mesh(unit, &cluster->settings, &cells[u], arena, &out->meshes[u], &images[u], &nearby[u], &bound));
-    out->bound = fmax(out->bound, bound * unit->scale);
-    if (finer->arena != NULL) {
-      parents[u] = LOD_NEW(arena, cells[u].count, uint32_t);
-      if (parents[u] == NULL)
-        return LOD_MEMORY;
-      find_parents(&cells[u], finer->cells[u].centre, parents[u]);
-    }
+  bool finest = level + 1 == ladder->count;
+  for (uint32_t u = 0; u < unit_count; u++) {
+    double bound = 0;
+    LOD_TRY(make_unit_level(ladder, level, u, arena, &out->meshes[u], &images[u], &nearby[u], &bound));
+    out->bound = fmax(out->bound, bound * ladder->cluster->units[u].scale);
+    if (finest)
+      continue;
+    parents[u] = LOD_NEW(arena, out->meshes[u].vertex_count, uint32_t);
+    if (parents[u] == NULL)
+      return LOD_MEMORY;
+    find_parents(&ladder->cluster->units[u], ladder->birth[u], level, level + 1, parents[u]);
   }
   out->images = images;
   out->nearby = nearby;
-  if (finer->arena != NULL)
-    out->parents = parents;
+  out->parents = finest ? NULL : parents;
   return LOD_OK;
 }
 
 static enum lod_status emit_nested(struct ladder *ladder, lod_level_sink *sink, void *context) {
-  struct emission finer = {NULL, NULL};
   enum lod_status status = LOD_OK;
   for (uint32_t i = 0; status == LOD_OK && i < ladder->count; i++) {
-    struct emission emission = {lod_arena_create_child(ladder->arena), NULL};
+    struct lod_arena *arena = lod_arena_create_child(ladder->arena);
     struct lod_level level;
-    if (emission.arena != NULL)
-      emission.cells = LOD_NEW(emission.arena, ladder->cluster->unit_count, struct cluster_cells);
-    status =
-        emission.cells != NULL ? make_level(ladder, ladder->count - 1 - i, &finer, emission.arena, emission.cells, &level) : LOD_MEMORY;
-    lod_arena_destroy(finer.arena);
-    finer = emission;
+    status = arena != NULL ? make_level(ladder, ladder->count - 1 - i, arena, &level) : LOD_MEMORY;
     if (status == LOD_OK && lod_progress_cancelled(ladder->progress))
       status = LOD_CANCELLED;
     if (status == LOD_OK)
       status = sink(context, &level);
+    lod_arena_destroy(arena);
     lod_progress_report(ladder->progress, "levels", 0.3 + 0.7 * (i + 1) / ladder->count);
   }
-  lod_arena_destroy(finer.arena);
   return status;
 }
 

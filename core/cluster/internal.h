@@ -42,6 +42,7 @@ struct cluster_unit {
   uint32_t *source; /* working -> source vertex */
   float *x, *y, *z; /* working coordinates, padded to whole blocks */
   float *weight;
+  float (*quadric)[6];      /* of the planes through each vertex, about itself: xx xy xz yy yz zz; NULL unless wanted */
   uint32_t *order;          /* working vertices, heaviest first; ties in source order */
   uint32_t *rank;           /* place in order; padded to whole blocks */
   uint32_t (*triangles)[3]; /* of working vertices, in source order */

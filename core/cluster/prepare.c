@@ -146,7 +146,7 @@ static void fill_blocks(struct cluster_unit *unit) {
   }
 }
 
-static enum lod_status allocate(struct cluster_unit *unit, struct lod_arena *arena) {
+static enum lod_status allocate(struct cluster_unit *unit, bool quadric, struct lod_arena *arena) {
   size_t padded = ((size_t)unit->count + CLUSTER_BLOCK - 1) / CLUSTER_BLOCK * CLUSTER_BLOCK;
   unit->block_count = (uint32_t)(padded / CLUSTER_BLOCK);
   unit->x = LOD_NEW(arena, padded, float);
@@ -159,6 +159,8 @@ static enum lod_status allocate(struct cluster_unit *unit, struct lod_arena *are
   unit->block_box = lod_arena_alloc(arena, unit->block_count, sizeof *unit->block_box);
   if (unit->x == NULL || unit->y == NULL || unit->z == NULL || unit->weight == NULL || unit->order == NULL || unit->rank == NULL ||
       unit->triangles == NULL || unit->block_box == NULL)
+    return LOD_MEMORY;
+  if (quadric && (unit->quadric = lod_arena_alloc(arena, unit->count, sizeof *unit->quadric)) == NULL)
     return LOD_MEMORY;
   if (unit->groups.set_count > 1) {
     unit->key = LOD_NEW(arena, padded, uint32_t);
@@ -223,6 +225,57 @@ static void sort_by_weight(struct cluster_unit *unit, const uint32_t *place, uin
     unit->rank[unit->order[i]] = i;
 }
 
+/* Room to sort in: given back after each sort, since corners and grades need theirs in between. */
+struct sorting {
+  struct lod_arena *arena;
+  uint64_t *keys, *keys_scratch;
+  uint32_t *values_scratch;
+};
+
+static enum lod_status sorting_create(struct sorting *sorting, uint32_t count, struct lod_arena *parent) {
+  *sorting = (struct sorting){.arena = lod_arena_create_child(parent)};
+  if (sorting->arena == NULL)
+    return LOD_MEMORY;
+  sorting->keys = LOD_NEW(sorting->arena, count, uint64_t);
+  sorting->keys_scratch = LOD_NEW(sorting->arena, count, uint64_t);
+  sorting->values_scratch = LOD_NEW(sorting->arena, count, uint32_t);
+  return sorting->keys != NULL && sorting->keys_scratch != NULL && sorting->values_scratch != NULL ? LOD_OK : LOD_MEMORY;
+}
+
+static enum lod_status order_along_curve(struct cluster_unit *unit, const double box[6], struct lod_arena *scratch) {
+  struct sorting sorting;
+  enum lod_status status = sorting_create(&sorting, unit->count, scratch);
+  if (status == LOD_OK)
+    sort_along_curve(unit, box, sorting.keys, sorting.keys_scratch, sorting.values_scratch);
+  lod_arena_destroy(sorting.arena);
+  return status;
+}
+
+static enum lod_status order_by_weight(struct cluster_unit *unit, const uint32_t *place, struct lod_arena *scratch) {
+  struct sorting sorting;
+  enum lod_status status = sorting_create(&sorting, unit->count, scratch);
+  if (status == LOD_OK)
+    sort_by_weight(unit, place, sorting.keys, sorting.keys_scratch, sorting.values_scratch);
+  lod_arena_destroy(sorting.arena);
+  return status;
+}
+
+static enum lod_status grade(struct cluster_unit *unit, const struct lod_cluster_settings *settings, const uint32_t *place,
+                             const uint32_t *uses, struct lod_arena *parent) {
+  const struct lod_mesh *mesh = unit->mesh;
+  struct lod_arena *scratch = lod_arena_create_child(parent);
+  if (scratch == NULL)
+    return LOD_MEMORY;
+  uint32_t *begin = LOD_NEW(scratch, (size_t)unit->count + 1, uint32_t);
+  uint32_t *corners = LOD_NEW(scratch, 3 * (size_t)mesh->triangle_count + 4 * (size_t)mesh->edge_count, uint32_t);
+  if (begin != NULL && corners != NULL) {
+    list_corners(unit, place, uses, begin, corners);
+    cluster_grade(unit, settings, begin, corners);
+  }
+  lod_arena_destroy(scratch);
+  return begin != NULL && corners != NULL ? LOD_OK : LOD_MEMORY;
+}
+
 static enum lod_status prepare(struct cluster_unit *unit, const struct lod_cluster_settings *settings, struct lod_arena *arena,
                                struct lod_arena *scratch) {
   const struct lod_mesh *mesh = unit->mesh;
@@ -241,23 +294,16 @@ static enum lod_status prepare(struct cluster_unit *unit, const struct lod_clust
   double box[6];
   find_box(unit, unit->source, box);
   LOD_TRY(cluster_find_groups(unit, arena));
-  LOD_TRY(allocate(unit, arena));
-  uint64_t *keys = LOD_NEW(scratch, unit->count, uint64_t), *keys_scratch = LOD_NEW(scratch, unit->count, uint64_t);
-  uint32_t *values_scratch = LOD_NEW(scratch, unit->count, uint32_t), *begin = LOD_NEW(scratch, (size_t)unit->count + 1, uint32_t);
-  uint32_t *corners = LOD_NEW(scratch, 3 * (size_t)mesh->triangle_count + 4 * (size_t)mesh->edge_count, uint32_t);
-  if (keys == NULL || keys_scratch == NULL || values_scratch == NULL || begin == NULL || corners == NULL)
-    return LOD_MEMORY;
+  LOD_TRY(allocate(unit, settings->representative == LOD_CLUSTER_QUADRIC, arena));
   if (unit->count == 0)
     return LOD_OK;
-  sort_along_curve(unit, box, keys, keys_scratch, values_scratch);
+  LOD_TRY(order_along_curve(unit, box, scratch));
   memset(place, 0xff, mesh->vertex_count * sizeof *place);
   for (uint32_t i = 0; i < unit->count; i++)
     place[unit->source[i]] = i;
   fill_blocks(unit);
-  list_corners(unit, place, uses, begin, corners);
-  cluster_grade(unit, settings, begin, corners);
-  sort_by_weight(unit, place, keys, keys_scratch, values_scratch);
-  return LOD_OK;
+  LOD_TRY(grade(unit, settings, place, uses, scratch));
+  return order_by_weight(unit, place, scratch);
 }
 
 enum lod_status cluster_prepare(struct cluster_unit *unit, const struct lod_unit *source, const struct lod_cluster_settings *settings,

@@ -38,14 +38,16 @@ struct work {
   const struct cluster_unit *unit;
   const struct cluster_cells *cells;
   struct cluster_synthesis *out;
-  struct lod_arena *scratch;
+  struct lod_arena *arena;       /* of the results */
+  struct lod_arena *scratch;     /* until the end */
+  struct lod_arena *table_arena; /* of triangle_slots, until the triangles are known */
   uint32_t triangle_mask, pair_mask, pair_count, pair_room, fold_count, fold_room;
   uint32_t *triangle_slots, *pair_slots;
   struct pair *pairs;
-  uint32_t (*folds)[2];      /* triangles of equal cells and opposite orientation */
-  uint32_t *side_begin;      /* cell -> the sides of surviving triangles that it is the lesser end of, CSR */
+  uint32_t (*folds)[2]; /* triangles of equal cells and opposite orientation */
+  uint32_t *side_begin; /* cell -> the sides of surviving triangles that it is the lesser end of, CSR */
   struct side *sides;
-  uint32_t *cell_source;     /* cell -> first source primitive that collapsed into it */
+  uint32_t *cell_source; /* cell -> first source primitive that collapsed into it */
 };
 
 /* A larger copy of an array of `count` entries with room for *room * 2. */
@@ -77,7 +79,7 @@ static uint64_t triangle_hash(const uint32_t t[3]) {
 }
 
 static enum lod_status resize_triangle_slots(struct work *work, uint32_t size) {
-  work->triangle_slots = LOD_NEW(work->scratch, size, uint32_t);
+  work->triangle_slots = LOD_NEW(work->table_arena, size, uint32_t);
   if (work->triangle_slots == NULL)
     return LOD_MEMORY;
   memset(work->triangle_slots, 0xff, size * sizeof *work->triangle_slots);
@@ -107,8 +109,8 @@ static enum lod_status add_triangle(struct work *work, const uint32_t key[3], ui
   }
   if (out->triangle_count == *room) {
     uint32_t other_room = *room;
-    out->triangles = grow(work->scratch, out->triangles, out->triangle_count, sizeof *out->triangles, room);
-    out->triangle_source = grow(work->scratch, out->triangle_source, out->triangle_count, sizeof *out->triangle_source, &other_room);
+    out->triangles = grow(work->arena, out->triangles, out->triangle_count, sizeof *out->triangles, room);
+    out->triangle_source = grow(work->arena, out->triangle_source, out->triangle_count, sizeof *out->triangle_source, &other_room);
     if (out->triangles == NULL || out->triangle_source == NULL)
       return LOD_MEMORY;
   }
@@ -199,8 +201,8 @@ static enum lod_status map_triangles(struct work *work, uint32_t likely) {
   const struct cluster_unit *unit = work->unit;
   const uint32_t *image = work->cells->image;
   struct cluster_synthesis *out = work->out;
-  out->triangles = lod_arena_alloc(work->scratch, likely, sizeof *out->triangles);
-  out->triangle_source = LOD_NEW(work->scratch, likely, uint32_t);
+  out->triangles = lod_arena_alloc(work->arena, likely, sizeof *out->triangles);
+  out->triangle_source = LOD_NEW(work->arena, likely, uint32_t);
   if (out->triangles == NULL || out->triangle_source == NULL)
     return LOD_MEMORY;
   enum { AHEAD = 32 };
@@ -390,18 +392,15 @@ static enum lod_status keep_uncovered(struct work *work, uint32_t *cell_primitiv
   return LOD_OK;
 }
 
-static enum lod_status copy_triangles(struct cluster_synthesis *out, struct lod_arena *arena) {
-  uint32_t(*triangles)[3] = lod_arena_alloc(arena, out->triangle_count, sizeof *triangles);
-  uint32_t *source = LOD_NEW(arena, out->triangle_count, uint32_t);
-  if (triangles == NULL || source == NULL)
-    return LOD_MEMORY;
-  if (out->triangle_count != 0) {
-    memcpy(triangles, out->triangles, out->triangle_count * sizeof *triangles);
-    memcpy(source, out->triangle_source, out->triangle_count * sizeof *source);
-  }
-  out->triangles = triangles;
-  out->triangle_source = source;
-  return LOD_OK;
+static enum lod_status make_triangles(struct work *work) {
+  uint32_t source_count = work->unit->mesh->triangle_count;
+  uint64_t likely = 2 * (uint64_t)work->cells->count < source_count ? 2 * (uint64_t)work->cells->count : source_count;
+  work->table_arena = lod_arena_create_child(work->scratch);
+  enum lod_status status = work->table_arena != NULL ? resize_triangle_slots(work, cluster_power_of_two(2 * likely)) : LOD_MEMORY;
+  if (status == LOD_OK)
+    status = map_triangles(work, (uint32_t)likely + 16);
+  lod_arena_destroy(work->table_arena);
+  return status == LOD_OK ? remove_folds(work) : status;
 }
 
 static enum lod_status synthesize(struct work *work, struct lod_arena *arena) {
@@ -413,11 +412,8 @@ static enum lod_status synthesize(struct work *work, struct lod_arena *arena) {
   if (out->nearby == NULL || work->cell_source == NULL || cell_primitive == NULL)
     return LOD_MEMORY;
   memset(work->cell_source, 0xff, cells * sizeof *work->cell_source);
-  uint64_t likely = 2 * (uint64_t)cells < source_count ? 2 * (uint64_t)cells : source_count;
-  LOD_TRY(resize_triangle_slots(work, cluster_power_of_two(2 * likely)));
+  LOD_TRY(make_triangles(work));
   LOD_TRY(resize_pair_slots(work, 256));
-  LOD_TRY(map_triangles(work, (uint32_t)likely + 16));
-  LOD_TRY(remove_folds(work));
   LOD_TRY(list_sides(work, cell_primitive));
   LOD_TRY(map_pairs(work));
   LOD_TRY(map_free_primitives(work));
@@ -429,13 +425,13 @@ static enum lod_status synthesize(struct work *work, struct lod_arena *arena) {
     else if (out->nearby[t] >= COLLAPSED_TO_PAIR)
       out->nearby[t] = work->pairs[id].primitive;
   }
-  return copy_triangles(out, arena);
+  return LOD_OK;
 }
 
 enum lod_status cluster_synthesize(const struct cluster_unit *unit, const struct cluster_cells *cells, struct lod_arena *arena,
                                    struct cluster_synthesis *synthesis) {
   *synthesis = (struct cluster_synthesis){0};
-  struct work work = {.unit = unit, .cells = cells, .out = synthesis, .scratch = lod_arena_create_child(arena)};
+  struct work work = {.unit = unit, .cells = cells, .out = synthesis, .arena = arena, .scratch = lod_arena_create_child(arena)};
   enum lod_status status = work.scratch != NULL ? synthesize(&work, arena) : LOD_MEMORY;
   lod_arena_destroy(work.scratch);
   return status;

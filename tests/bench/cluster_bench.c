@@ -149,7 +149,8 @@ static void bench_model(const char *name, const struct lod_mesh *raw) {
   lod_arena_destroy(arena);
 }
 
-static void print_row(const char *what, const struct lod_mesh *level, const struct lod_mesh *source, double diagonal, struct lod_arena *arena) {
+static void print_row(const char *what, const struct lod_mesh *level, const struct lod_mesh *source, double diagonal,
+                      struct lod_arena *arena) {
   printf("  %-22s %6u %6u %6u %6u  %.5f\n", what, level->vertex_count, level->triangle_count, level->edge_count, level->point_count,
          error_of(level, source, arena) / diagonal);
 }
@@ -251,8 +252,10 @@ int main(int argc, char **argv) {
     count += list_folder(folder, found + count, MOST - count);
     paths = found;
   }
-  printf("Speed in Mtri/s of source: first level (50 %%, with grading and sort) and further levels (10 %%, 2 %%), each: one thread, two threads,\n"
-         "meshopt_simplifySloppy. Then at 50, 10, 2 %%: triangles ours and theirs, certified error over diagonal ours and theirs, ratio.\n");
+  printf(
+      "Speed in Mtri/s of source: first level (50 %%, with grading and sort) and further levels (10 %%, 2 %%), each: one thread, two "
+      "threads,\n"
+      "meshopt_simplifySloppy. Then at 50, 10, 2 %%: triangles ours and theirs, certified error over diagonal ours and theirs, ratio.\n");
   if (count != 0)
     each_file(paths, count, bench_model);
   else
