@@ -1,0 +1,11 @@
+/* The first byte chooses the format, the rest is the file. assimp itself is not instrumented; what is looked for is ours around it. */
+#include "tests/fuzz/importing.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+  static const char *const kFormats[] = {"obj", "off", "dae", "x", "m"};
+  if (size > 0)
+    fuzz_import(data + 1, size - 1, kFormats[data[0] % (sizeof kFormats / sizeof *kFormats)]);
+  return 0;
+}
