@@ -140,8 +140,11 @@ static void threads_finish_each_value_once(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(least_recently_used_goes_first),   cmocka_unit_test(held_value_outlives_its_eviction),
-      cmocka_unit_test(new_generation_empties_the_cache), cmocka_unit_test(second_value_of_a_key_is_dropped_for_the_first),
+      cmocka_unit_test(least_recently_used_goes_first),
+      cmocka_unit_test(held_value_outlives_its_eviction),
+      cmocka_unit_test(new_generation_empties_the_cache),
+      cmocka_unit_test(value_of_an_older_generation_is_not_kept),
+      cmocka_unit_test(second_value_of_a_key_is_dropped_for_the_first),
       cmocka_unit_test(threads_finish_each_value_once),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
