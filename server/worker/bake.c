@@ -1,6 +1,7 @@
 #include "server/worker/bake.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,6 +10,7 @@
 
 #include "core/cluster/cluster.h"
 #include "core/envelope/envelope.h"
+#include "core/mesh/copy.h"
 #include "core/mesh/topology.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
@@ -88,6 +90,8 @@ struct lod_bake_request lod_bake_defaults(void) {
   return (struct lod_bake_request){.id = "model", .name = "model", .directory_fd = -1, .limits = lod_import_limits_defaults()};
 }
 
+enum { MAX_LEVELS = 96 }; /* of one family */
+
 /* One run. */
 struct bake {
   const struct lod_bake_request *request;
@@ -101,11 +105,11 @@ struct bake {
   struct lod_baked_family families[RECIPE_COUNT];
   uint32_t family_count;
   struct lod_baked_level source_levels[SOURCE_LEVELS];
+  struct lod_arena *level_arenas[RECIPE_COUNT * MAX_LEVELS]; /* hold the levels' bytes */
+  uint32_t level_arena_count;
 };
 
 
-
-enum { MAX_LEVELS = 96 };
 
 static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings) {
   struct lod_envelope_settings *envelope = LOD_NEW(arena, 1, struct lod_envelope_settings);
@@ -219,90 +223,180 @@ static enum lod_status prepare_baker(struct bake *bake) {
   return LOD_OK;
 }
 
-/* Where a family's levels go. */
-struct sink {
-  struct bake *bake;
-  struct lod_baked_family *family;
-  double begin, end; /* share of the progress bar */
+/* A level that waits to be encoded and certified. Levels do not depend on each other, so all of a family's are done side by side, finest
+ * (and longest) first. */
+struct pending {
+  struct lod_arena *arena; /* of the copy, then of the result */
+  struct lod_level level;
+  double position_error; /* as lod_level_bake */
+  struct lod_baked_level *baked;
+  enum lod_status status;
+  struct lod_problem problem;
 };
 
-static enum lod_status add_level(struct sink *sink, const struct lod_level *level, double position_error) {
-  struct lod_baked_family *family = sink->family;
-  struct bake *bake = sink->bake;
-  if (family->level_count == MAX_LEVELS)
-    return LOD_OK;
-  if (lod_progress_cancelled(bake->request->progress))
-    return lod_fail(bake->problem, LOD_CANCELLED, "cancelled", "The bake was cancelled.");
-  uint64_t triangles = 0, of = 0;
-  for (uint32_t u = 0; u < bake->model.unit_count; u++) {
+struct family_job {
+  struct bake *bake;
+  struct lod_baked_family *family;
+  struct pending *pending;
+  uint32_t pending_count;
+  pthread_mutex_t lock;
+  double work, done, begin, end; /* triangles; share of the progress bar */
+};
+
+static uint64_t level_triangles(const struct bake *bake, const struct lod_level *level) {
+  uint64_t triangles = 0;
+  for (uint32_t u = 0; u < bake->model.unit_count; u++)
     triangles += level->meshes[u].triangle_count;
-    of += bake->model.units[u].mesh.triangle_count;
+  return triangles;
+}
+
+/* maps: per unit `count(unit)` numbers or NULL. */
+static uint32_t *const *copy_maps(const struct bake *bake, uint32_t *const *maps, bool by_vertex, struct lod_arena *arena, bool *ok) {
+  if (maps == NULL)
+    return NULL;
+  uint32_t **copy = LOD_NEW_ZERO(arena, bake->model.unit_count, uint32_t *);
+  for (uint32_t u = 0; copy != NULL && u < bake->model.unit_count; u++) {
+    const struct lod_mesh *source = &bake->model.units[u].mesh;
+    size_t count = by_vertex ? source->vertex_count : source->triangle_count;
+    if (maps[u] != NULL && (copy[u] = lod_arena_copy(arena, maps[u], count * sizeof **maps)) == NULL)
+      *ok = false;
   }
-  /* Work falls with the triangles, so what is left of the bar is what is left of the work. */
-  double left = of == 0 ? 0 : (double)triangles / (double)of;
-  lod_progress_report(bake->request->progress, "levels", sink->end - (sink->end - sink->begin) * fmin(1, left));
-  enum lod_status status = lod_level_bake(&bake->baker, level, position_error, bake->arena, &family->levels[family->level_count], bake->problem);
-  if (status == LOD_OK)
-    family->level_count++;
-  else if (status == LOD_MEMORY)
-    lod_fail_memory(bake->problem);
-  else if (status == LOD_CANCELLED)
-    lod_fail(bake->problem, LOD_CANCELLED, "cancelled", "The bake was cancelled.");
-  return status;
+  *ok = *ok && copy != NULL;
+  return copy;
+}
+
+static enum lod_status add_pending(struct family_job *job, const struct lod_level *level, double position_error) {
+  struct bake *bake = job->bake;
+  if (job->pending_count == MAX_LEVELS)
+    return LOD_OK;
+  struct pending *pending = &job->pending[job->pending_count];
+  *pending = (struct pending){.level = *level, .position_error = position_error, .arena = lod_arena_create_child(bake->arena)};
+  if (pending->arena == NULL)
+    return lod_fail_memory(bake->problem);
+  job->pending_count++;
+  pending->level.meshes = LOD_NEW(pending->arena, bake->model.unit_count, struct lod_mesh);
+  bool ok = pending->level.meshes != NULL;
+  for (uint32_t u = 0; ok && u < bake->model.unit_count; u++)
+    ok = lod_mesh_copy(&level->meshes[u], pending->arena, &pending->level.meshes[u]) == LOD_OK;
+  pending->level.images = copy_maps(bake, level->images, true, pending->arena, &ok);
+  pending->level.nearby = copy_maps(bake, level->nearby, false, pending->arena, &ok);
+  pending->level.parents = NULL;
+  job->work += (double)level_triangles(bake, level);
+  return ok ? LOD_OK : lod_fail_memory(bake->problem);
 }
 
 static enum lod_status receive_level(void *context, const struct lod_level *level) {
-  return add_level(context, level, 0);
+  return add_pending(context, level, 0);
+}
+
+static void bake_chunk(void *context, size_t begin, size_t end, size_t chunk) {
+  struct family_job *job = context;
+  (void)chunk;
+  for (size_t i = begin; i < end; i++) {
+    struct pending *pending = &job->pending[i];
+    if (lod_progress_cancelled(job->bake->request->progress)) {
+      pending->status = LOD_CANCELLED;
+      continue;
+    }
+    struct lod_level_baker baker = job->bake->baker;
+    baker.threads = 1;
+    pending->status = lod_level_bake(&baker, &pending->level, pending->position_error, pending->arena, pending->baked, &pending->problem);
+    pthread_mutex_lock(&job->lock);
+    job->done += (double)level_triangles(job->bake, &pending->level);
+    lod_progress_report(job->bake->request->progress, "levels", job->begin + (job->end - job->begin) * job->done / fmax(1, job->work));
+    pthread_mutex_unlock(&job->lock);
+  }
+}
+
+/* Encodes and certifies what waits; the results' arenas stay with the bake. */
+static enum lod_status bake_pending(struct family_job *job) {
+  struct bake *bake = job->bake;
+  struct lod_baked_family *family = job->family;
+  for (uint32_t i = 0; i < job->pending_count; i++)
+    job->pending[i].baked = &family->levels[family->level_count + i];
+  lod_parallel_for(bake->request->threads, job->pending_count, 1, bake_chunk, job);
+  enum lod_status status = LOD_OK;
+  for (uint32_t i = 0; i < job->pending_count; i++) {
+    struct pending *pending = &job->pending[i];
+    bake->level_arenas[bake->level_arena_count++] = pending->arena;
+    if (status != LOD_OK || pending->status == LOD_OK)
+      continue;
+    status = pending->status;
+    if (pending->problem.status != LOD_OK)
+      *bake->problem = pending->problem;
+    else if (status == LOD_MEMORY)
+      lod_fail_memory(bake->problem);
+    else if (status == LOD_CANCELLED)
+      lod_fail(bake->problem, LOD_CANCELLED, "cancelled", "The bake was cancelled.");
+  }
+  family->level_count += job->pending_count;
+  job->pending_count = 0;
+  return status;
 }
 
 /* The source as imported, at the precisions of kSourcePrecision. */
-static enum lod_status add_source_levels(struct sink *sink) {
-  const struct lod_model *model = &sink->bake->model;
-  struct lod_arena *scratch = lod_arena_create_child(sink->bake->arena);
+static enum lod_status add_source_levels(struct family_job *job) {
+  const struct lod_model *model = &job->bake->model;
+  struct lod_arena *scratch = lod_arena_create_child(job->bake->arena);
   struct lod_mesh *meshes = scratch == NULL ? NULL : LOD_NEW(scratch, model->unit_count, struct lod_mesh);
   uint32_t **identity = scratch == NULL ? NULL : LOD_NEW(scratch, model->unit_count, uint32_t *);
-  enum lod_status status = meshes == NULL || identity == NULL ? lod_fail_memory(sink->bake->problem) : LOD_OK;
+  enum lod_status status = meshes == NULL || identity == NULL ? lod_fail_memory(job->bake->problem) : LOD_OK;
   for (uint32_t u = 0; status == LOD_OK && u < model->unit_count; u++) {
     meshes[u] = model->units[u].mesh;
     identity[u] = LOD_NEW(scratch, meshes[u].vertex_count, uint32_t);
     if (identity[u] == NULL)
-      status = lod_fail_memory(sink->bake->problem);
+      status = lod_fail_memory(job->bake->problem);
     for (uint32_t v = 0; status == LOD_OK && v < meshes[u].vertex_count; v++)
       identity[u][v] = v;
   }
   for (size_t i = 0; status == LOD_OK && i < SOURCE_LEVELS; i++) {
     struct lod_level level = {.meshes = meshes, .images = identity, .bound = 0};
-    status = add_level(sink, &level, kSourcePrecision[i] * sink->bake->baker.diagonal);
+    status = add_pending(job, &level, kSourcePrecision[i] * job->bake->baker.diagonal);
   }
-  if (status == LOD_OK)
-    memcpy(sink->bake->source_levels, sink->family->levels, sizeof sink->bake->source_levels);
   lod_arena_destroy(scratch);
   return status;
 }
 
-static enum lod_status build_family(struct bake *bake, uint32_t index) {
-  struct lod_baked_family *family = &bake->families[index];
-  family->levels = LOD_NEW_ZERO(bake->arena, MAX_LEVELS, struct lod_baked_level);
-  if (family->levels == NULL)
-    return lod_fail_memory(bake->problem);
-  struct sink sink = {
-      .bake = bake,
-      .family = family,
-      .begin = 0.1 + 0.85 * index / bake->family_count,
-      .end = 0.1 + 0.85 * (index + 1) / bake->family_count,
-  };
+static enum lod_status gather_levels(struct bake *bake, uint32_t index, struct family_job *job) {
+  struct lod_baked_family *family = job->family;
   const void *settings;
+  if (bake->recipes[index]->settings(bake->request, bake->baker.diagonal, bake->arena, &settings) != LOD_OK)
+    return lod_fail_memory(bake->problem);
   if (index == 0) {
-    LOD_TRY(add_source_levels(&sink));
+    LOD_TRY(add_source_levels(job));
   } else { /* they are every family's finest */
     memcpy(family->levels, bake->source_levels, sizeof bake->source_levels);
     family->level_count = SOURCE_LEVELS;
   }
-  if (bake->recipes[index]->settings(bake->request, bake->baker.diagonal, bake->arena, &settings) != LOD_OK)
+  if (settings == NULL)
+    return LOD_OK;
+  return family->family->build(bake->model.units, bake->model.unit_count, settings, bake->request->progress, bake->arena, receive_level, job,
+                               bake->problem);
+}
+
+static enum lod_status build_family(struct bake *bake, uint32_t index) {
+  struct lod_baked_family *family = &bake->families[index];
+  struct family_job job = {
+      .bake = bake,
+      .family = family,
+      .lock = PTHREAD_MUTEX_INITIALIZER,
+      .begin = 0.1 + 0.85 * index / bake->family_count,
+      .end = 0.1 + 0.85 * (index + 1) / bake->family_count,
+  };
+  family->levels = LOD_NEW_ZERO(bake->arena, MAX_LEVELS + SOURCE_LEVELS, struct lod_baked_level);
+  job.pending = LOD_NEW_ZERO(bake->arena, MAX_LEVELS, struct pending);
+  if (family->levels == NULL || job.pending == NULL)
     return lod_fail_memory(bake->problem);
-  if (settings != NULL)
-    LOD_TRY(family->family->build(bake->model.units, bake->model.unit_count, settings, bake->request->progress, bake->arena, receive_level, &sink,
-                                  bake->problem));
+  lod_progress_report(bake->request->progress, family->family->name, job.begin);
+  enum lod_status status = gather_levels(bake, index, &job);
+  if (status == LOD_OK)
+    status = bake_pending(&job);
+  else
+    for (uint32_t i = 0; i < job.pending_count; i++)
+      lod_arena_destroy(job.pending[i].arena);
+  LOD_TRY(status);
+  if (index == 0)
+    memcpy(bake->source_levels, family->levels, sizeof bake->source_levels);
   family->level_count = lod_levels_order(family->levels, family->level_count);
   for (uint32_t i = 0; i < family->level_count; i++) {
     struct lod_baked_level *level = &family->levels[i];
@@ -346,6 +440,8 @@ enum lod_status lod_bake_run(const struct lod_bake_request *request, struct lod_
   enum lod_status status = run(&bake, started);
   if (status == LOD_MEMORY)
     lod_fail_memory(problem);
+  for (uint32_t i = 0; i < bake.level_arena_count; i++)
+    lod_arena_destroy(bake.level_arenas[i]);
   lod_arena_destroy(bake.arena);
   return status;
 }

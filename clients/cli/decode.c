@@ -1,0 +1,65 @@
+/* lodestream decode: a level, as a client sees it, as PLY. */
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "clients/cli/cli.h"
+#include "codec/export/ply.h"
+#include "core/mesh/flatten.h"
+
+static int run(int argc, char **argv);
+
+static const struct cli_option kOptions[] = {
+    {"output", 'o', "OUT.ply", "Where the PLY goes; - is standard output. Required."},
+    {0},
+};
+
+const struct cli_command cli_decode = {
+    .name = "decode",
+    .usage = "LEVEL.glb -o OUT.ply",
+    .sentence = "Decode a level to PLY: what a client sees, all instances placed.",
+    .text = "  lodestream decode levels/objects/3f9a... -o level.ply",
+    .options = kOptions,
+    .run = run,
+};
+
+static enum lod_status write_ply(const struct lod_mesh *mesh, const char *path, struct lod_problem *problem) {
+  bool to_stdout = strcmp(path, "-") == 0;
+  FILE *out = to_stdout ? stdout : fopen(path, "wb");
+  if (out == NULL)
+    return lod_fail(problem, LOD_IO, "write-failed", "Cannot write %s: %s.", path, strerror(errno));
+  enum lod_status status = lod_ply_write(mesh, "decoded by lodestream " LOD_VERSION, out, problem);
+  if ((to_stdout ? fflush(out) : fclose(out)) != 0 && status == LOD_OK)
+    status = lod_fail(problem, LOD_IO, "write-failed", "Cannot write %s: %s.", path, strerror(errno));
+  if (status != LOD_OK && !to_stdout)
+    unlink(path);
+  return status;
+}
+
+static int run(int argc, char **argv) {
+  struct cli_arguments arguments = {.command = &cli_decode, .argc = argc, .argv = argv};
+  const char *output = NULL, *value = NULL;
+  while (cli_next(&arguments, &value) != NULL)
+    output = value;
+  if (arguments.operand_count != 1)
+    return cli_usage(&cli_decode, "expected one LEVEL.glb, got %d", arguments.operand_count);
+  if (output == NULL)
+    return cli_usage(&cli_decode, "-o OUT.ply is missing");
+  struct lod_problem problem = {0};
+  struct cli_file file = {0};
+  struct lod_model model = {0};
+  struct lod_mesh mesh;
+  double rounding;
+  struct lod_arena *arena = lod_arena_create(0);
+  enum lod_status status = arena == NULL ? lod_fail_memory(&problem) : cli_import(arguments.operands[0], NULL, arena, &model, &file, &problem);
+  if (status == LOD_OK)
+    status = lod_model_flatten(&model, arena, &mesh, &rounding, &problem);
+  if (status == LOD_OK)
+    status = write_ply(&mesh, output, &problem);
+  if (status == LOD_OK && arguments.json)
+    printf("{\"vertices\":%u,\"triangles\":%u,\"edges\":%u,\"points\":%u}\n", mesh.vertex_count, mesh.triangle_count, mesh.edge_count, mesh.point_count);
+  cli_file_close(&file);
+  lod_arena_destroy(arena);
+  return status == LOD_OK ? CLI_DONE : cli_problem(&problem, arguments.json);
+}
