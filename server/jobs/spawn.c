@@ -18,7 +18,7 @@
 #if defined(__SANITIZE_ADDRESS__)
 #define SANITIZED 1
 #elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
 #define SANITIZED 1
 #endif
 #endif
@@ -59,7 +59,7 @@ static void prepare_limits(struct child *child) {
                                  {RLIMIT_MSGQUEUE, 0},
                                  {RLIMIT_DATA, settings->memory_limit_bytes},
                                  {RLIMIT_AS, settings->memory_limit_bytes + kAddressRoom}};
-  /* AddressSanitizer reserves terabytes of shadow, which the last two would forbid. */
+  /* Sanitizers reserve terabytes of shadow, which the last two would forbid. */
   child->limit_count = sizeof limits / sizeof limits[0] - (SANITIZED ? 2 : 0);
   memcpy(child->limits, limits, sizeof limits);
 }
