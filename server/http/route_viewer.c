@@ -47,22 +47,20 @@ static const char *type_of(const char *name, bool *compress) {
   return "application/octet-stream";
 }
 
-/* The file's path beneath the folder, from decoded segments. False when a segment could leave it, or names a hidden file. */
+/* The file's path beneath the folder, from decoded segments; "/" is the page. False when a segment could leave the folder, or names a
+ * hidden file or a folder. */
 static bool join_path(const struct lod_target *target, char *path, size_t size) {
   size_t used = 0;
+  snprintf(path, size, "index.html");
   for (uint32_t i = 1; i < target->segment_count; i++) {
     const char *segment = target->segments[i];
-    bool last = i + 1 == target->segment_count;
-    if (*segment == '.' || strchr(segment, '/') || (!*segment && !last))
+    if (!*segment || *segment == '.' || strchr(segment, '/'))
       return false;
-    const char *name = *segment ? segment : "index.html";
-    int length = snprintf(path + used, size - used, "%s%s", used ? "/" : "", name);
+    int length = snprintf(path + used, size - used, "%s%s", used ? "/" : "", segment);
     if (length < 0 || (size_t)length >= size - used)
       return false;
     used += (size_t)length;
   }
-  if (!used)
-    snprintf(path, size, "index.html");
   return true;
 }
 

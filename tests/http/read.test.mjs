@@ -243,10 +243,10 @@ test('viewer serves its files with their types, and nothing outside of its folde
   const page = await daemon.curl('/');
   assert.equal(page.headers['content-type'], 'text/html; charset=utf-8');
   assert.match(String(page.body), /viewer/);
-  assert.equal((await daemon.curl('/viewer/')).status, 200);
+  assert.equal((await daemon.curl('/viewer/index.html')).status, 200);
   assert.equal((await daemon.curl('/viewer/assets/app.js?v=3')).headers['content-type'], 'text/javascript; charset=utf-8');
   assert.equal((await daemon.curl('/viewer/assets/core.wasm')).headers['content-type'], 'application/wasm');
-  for (const target of ['/viewer/../secret.txt', '/viewer/%2e%2e/secret.txt', '/viewer/..%2fsecret.txt', '/viewer/assets/../../secret.txt', '/viewer//etc/passwd',
+  for (const target of ['/viewer/', '/viewer/../secret.txt', '/viewer/%2e%2e/secret.txt', '/viewer/..%2fsecret.txt', '/viewer/assets/../../secret.txt', '/viewer//etc/passwd',
     '/viewer/%2fetc%2fpasswd', '/viewer/link.txt', '/viewer/assets', '/viewer/.hidden', '/viewer/none.js', '/../../../../etc/passwd']) {
     const { status, body } = await daemon.curl(target);
     assert.equal(status, 404, target);

@@ -1,0 +1,78 @@
+// The whole way with the real worker: a model goes in, levels come out that meet what was asked for.
+import assert from 'node:assert/strict';
+import fs from 'node:fs';
+import path from 'node:path';
+import { after, before, test } from 'node:test';
+import { Daemon, build } from './daemon.mjs';
+import { sha256 } from './worker.mjs';
+
+// A sphere of radius 1 as ASCII PLY, 2 * rings * sectors - 2 * sectors triangles.
+function sphere(rings, sectors) {
+  const points = [[0, 0, 1]];
+  for (let i = 1; i < rings; i++) {
+    for (let j = 0; j < sectors; j++) {
+      const a = (Math.PI * i) / rings;
+      const b = (2 * Math.PI * j) / sectors;
+      points.push([Math.sin(a) * Math.cos(b), Math.sin(a) * Math.sin(b), Math.cos(a)]);
+    }
+  }
+  points.push([0, 0, -1]);
+  const at = (i, j) => 1 + (i - 1) * sectors + (j % sectors);
+  const faces = [];
+  for (let j = 0; j < sectors; j++) {
+    faces.push([0, at(1, j), at(1, j + 1)], [points.length - 1, at(rings - 1, j + 1), at(rings - 1, j)]);
+    for (let i = 1; i < rings - 1; i++) faces.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+  }
+  const lines = ['ply', 'format ascii 1.0', `element vertex ${points.length}`, 'property float x', 'property float y', 'property float z',
+    `element face ${faces.length}`, 'property list uchar int vertex_indices', 'end_header', ...points.map((p) => p.join(' ')),
+    ...faces.map((f) => `3 ${f.join(' ')}`)];
+  return { text: `${lines.join('\n')}\n`, triangles: faces.length };
+}
+
+let daemon;
+before(async () => {
+  daemon = await Daemon.start({ worker: path.join(build, 'lodestream') });
+});
+after(() => daemon?.stop());
+
+const put = async (id, bytes, query = '') => {
+  const file = path.join(daemon.directory, 'upload');
+  fs.writeFileSync(file, bytes);
+  const response = await daemon.curl(`/v1/models/${id}${query}`, ['-T', file]);
+  assert.equal(response.status, 202, String(response.body));
+  return daemon.finished(response.headers.location);
+};
+
+test('sphere becomes levels that fit what is asked for', async () => {
+  const { text, triangles } = sphere(60, 120);
+  const job = await put('sphere', text, '?name=sphere.ply');
+  assert.equal(job.state, 'done', JSON.stringify(job.problem));
+  const { json: manifest } = await daemon.json('/v1/models/sphere');
+  assert.equal(manifest.source.triangles, triangles);
+  assert.equal(manifest.source.sha256, sha256(Buffer.from(text)));
+  const { levels } = manifest.families.cluster;
+  assert.ok(levels.length >= 3);
+  assert.ok(levels.at(-1).error < levels[0].error);
+  for (const level of levels) {
+    const { status, headers, body } = await daemon.curl(`/v1/models/sphere/level?error=${level.error}&family=cluster`);
+    assert.equal(status, 200);
+    assert.ok(Number(headers['lod-error']) <= level.error);
+    assert.ok(body.length <= level.bytes);
+    assert.equal(String(body.subarray(0, 4)), 'glTF');
+    assert.equal(`"${sha256(body)}"`, headers.etag);
+  }
+  const near = await daemon.curl('/v1/models/sphere/level?px=1&distance=4&fov=60&height=1080');
+  assert.ok(Number(near.headers['lod-screen-error']) <= 1 || near.headers['lod-level'] === String(levels.length - 1));
+});
+
+test('what is no model fails with a problem that says so, and nothing is left', async () => {
+  for (const [id, bytes] of [['noise', Buffer.from('not a model at all')], ['cut', Buffer.from(sphere(10, 10).text.slice(0, 700))]]) {
+    const job = await put(id, bytes, '?name=x.ply');
+    assert.equal(job.state, 'failed');
+    assert.ok(job.problem.detail.length > 10, JSON.stringify(job.problem));
+    assert.equal(job.problem.status, 400, JSON.stringify(job.problem)); // the model's fault, not the worker's
+    assert.match(job.problem.type, /^\/problems\/[a-z0-9-]+$/);
+    assert.equal((await daemon.curl(`/v1/models/${id}`)).status, 404);
+  }
+  for (const folder of ['uploads', 'work']) assert.deepEqual(fs.readdirSync(path.join(daemon.store, folder)), []);
+});
