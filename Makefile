@@ -22,6 +22,9 @@ FLAGS_debug := -O1 -g
 FLAGS_sanitize := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined
 FLAGS_fuzz := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined,fuzzer-no-link -fno-sanitize-recover=undefined
 
+# V=1 shows the commands.
+Q := $(if $(V),,@)
+say := @$(if $(V),:,echo)
 VERSION := $(shell cat VERSION)
 WARN := -Wall -Wextra -Wshadow -Wvla -Wpointer-arith -Werror
 # -ffp-contract=off: the same bits on every machine and in WebAssembly.
@@ -84,25 +87,29 @@ $(B)/libcli.a: $(OBJ_cli)
 $(B)/libtestdata.a: $(HELPERS)
 $(B)/lib%.a:
 	@rm -f $@
-	ar qcs $@ $^
+	@ar qcs $@ $^
 
 $(B)/lodestreamd: $(B)/server/main.o $(B)/libserver.a $(B)/libbase.a
-	$(CC) $(LDFLAGS) -o $@ $^ $(LIBS_daemon)
+	$(say) "LINK $@"
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ $(LIBS_daemon)
 
 $(B)/lodestream: $(B)/clients/cli/main.o $(B)/libcli.a $(B)/libworker.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
-	$(CXX) $(LDFLAGS) -o $@ $^ $(LIBS_tool)
+	$(say) "LINK $@"
+	$(Q)$(CXX) $(LDFLAGS) -o $@ $^ $(LIBS_tool)
 
 $(B)/%.o: %.c
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -c -o $@ $<
+	$(say) "CC   $<"
+	$(Q)$(CC) $(CFLAGS) -c -o $@ $<
 
 $(B)/%.o: %.cc
 	@mkdir -p $(@D)
-	$(CXX) $(CXXFLAGS) -c -o $@ $<
+	$(say) "CXX  $<"
+	$(Q)$(CXX) $(CXXFLAGS) -c -o $@ $<
 
 # Test programs may reach every module; the linker takes what each needs.
 TEST_LIBS = $(B)/libtestdata.a $(B)/libcli.a $(B)/libworker.a $(B)/libserver.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
-link_test = $(CXX) $(LDFLAGS) -o $@ $< -Wl,--start-group $(TEST_LIBS) -Wl,--end-group
+link_test = $(Q)$(CXX) $(LDFLAGS) -o $@ $< -Wl,--start-group $(TEST_LIBS) -Wl,--end-group
 
 $(B)/%_test: $(B)/%_test.o $(TEST_LIBS)
 	$(link_test) $(LIBS_test)
