@@ -8,11 +8,6 @@
 #include "core/base/tolerance.h"
 #include "server/worker/certify.h"
 
-/* Draco's slow settings save 2 to 4 % and cost 3 times the seconds: worth it where a level takes milliseconds. */
-static int draco_speed(uint64_t triangles) {
-  return triangles > 2000000 ? 7 : triangles > 300000 ? 5 : 1;
-}
-
 static enum lod_status certify(const struct lod_level_baker *baker, const struct lod_level *level, const struct lod_mesh *decoded,
                                double position_error, struct lod_arena *arena, double *unit_errors, struct lod_interval *error) {
   *error = (struct lod_interval){0, 0};
@@ -77,12 +72,8 @@ static void count_figures(const struct lod_model *model, const struct lod_mesh *
 static enum lod_status encode(const struct lod_level_baker *baker, const struct lod_level *level, double position_error, struct lod_arena *arena,
                               struct lod_baked_level *baked, struct lod_problem *problem) {
   const struct lod_model *model = baker->model;
-  uint64_t triangles = 0;
-  for (uint32_t u = 0; u < model->unit_count; u++)
-    triangles += level->meshes[u].triangle_count;
   struct lod_glb_settings settings = lod_glb_defaults();
   settings.position_error = position_error;
-  settings.draco_speed = draco_speed(triangles);
   settings.threads = baker->threads;
   settings.image_uris = baker->image_uris;
   settings.generator = "Lodestream " LOD_VERSION;
