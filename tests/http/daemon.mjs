@@ -76,7 +76,7 @@ export class Daemon {
     const how = await this.exited;
     clearTimeout(timer);
     fs.rmSync(this.directory, { recursive: true, force: true });
-    assert.doesNotMatch(this.log, /Sanitizer|runtime error/);
+    assert.doesNotMatch(this.log, /Sanitizer|runtime error/, this.log);
     return how;
   }
 
