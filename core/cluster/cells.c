@@ -20,24 +20,25 @@ enum {
   CROWD_CUBE = 8,    /* centres a grid cell at most: two half cells an axis, one centre in each */
   CROWD_SPHERE = 64, /* four an axis: their diagonal is below the radius */
   CANDIDATES = 8 * CROWD_SPHERE,
-  RUN = 16,               /* blocks that are first tried together, then 4, then 1, then each vertex by itself ... */
-  RUN_GRID_CELLS = 64,    /* ... as long as they span more of the grid than this, */
-  BLOCK_GRID_CELLS = 256, /* or, one block, than this */
-  LINE = 16,              /* buckets of a cache line */
-  AHEAD = 12,             /* vertices whose memory is asked for in advance */
+  RUN = 16,          /* blocks that are first tried together, then 4, then 1, then each vertex by itself ... */
+  RUN_LINES = 32,    /* ... as long as they span more of the grid than this, */
+  BLOCK_LINES = 128, /* or, one block, than this */
+  LINE = 16,         /* buckets of a cache line */
+  AHEAD = 12,        /* vertices whose memory is asked for in advance */
 };
 
 struct centre {
   float p[3];
   uint32_t next; /* in the same bucket */
-  uint32_t vertex;
+  uint32_t rank;
   uint32_t key;
 };
 
 struct grid {
   double origin[3], inverse;
   uint32_t line_shift, lines, count, room;
-  uint32_t *heads; /* lines * LINE; first centre of each bucket or LOD_NONE */
+  uint32_t *heads;    /* lines * LINE; first centre of each bucket; undefined where it is empty */
+  uint16_t *occupied; /* lines; bit i: bucket i of the line is not empty. Small enough to stay in a near cache */
   struct centre *centres;
   struct lod_arena *arena; /* of the heads */
 };
@@ -72,27 +73,34 @@ static inline void grid_coordinates(const struct grid *grid, const float p[3], d
     u[axis] = ((double)p[axis] - grid->origin[axis]) * grid->inverse;
 }
 
-static inline uint32_t bucket(const struct grid *grid, int32_t i, int32_t j, int32_t k, uint32_t key) {
-  uint32_t mixed =
-      (uint32_t)(i >> 1) * 0x8da6b343u + (uint32_t)(j >> 1) * 0xd8163841u + (uint32_t)(k >> 2) * 0xcb1ab31fu + key * 0x165667b1u;
+/* The line of grid cells that are alike in i / 2, j / 2, k / 4. */
+static inline uint32_t find_line(const struct grid *grid, int32_t i2, int32_t j2, int32_t k4, uint32_t key) {
+  uint32_t mixed = (uint32_t)i2 * 0x8da6b343u + (uint32_t)j2 * 0xd8163841u + (uint32_t)k4 * 0xcb1ab31fu + key * 0x165667b1u;
   mixed ^= mixed >> 15;
-  uint32_t line = (uint32_t)((uint64_t)(mixed * 0x9e3779b1u) >> grid->line_shift);
-  return line * LINE + (uint32_t)((i & 1) | (j & 1) << 1 | (k & 3) << 2);
+  return (uint32_t)((uint64_t)(mixed * 0x9e3779b1u) >> grid->line_shift);
+}
+
+/* First centre of the bucket of a grid cell, or LOD_NONE. */
+static inline uint32_t bucket_head(const struct grid *grid, int32_t i, int32_t j, int32_t k, uint32_t key) {
+  uint32_t line = find_line(grid, i >> 1, j >> 1, k >> 2, key), place = (uint32_t)((i & 1) | (j & 1) << 1 | (k & 3) << 2);
+  return grid->occupied[line] >> place & 1 ? grid->heads[line * LINE + place] : LOD_NONE;
 }
 
 static void grid_link(struct grid *grid, uint32_t c) {
   double u[3];
   grid_coordinates(grid, grid->centres[c].p, u);
-  uint32_t b = bucket(grid, floor_int(u[0]), floor_int(u[1]), floor_int(u[2]), grid->centres[c].key);
-  grid->centres[c].next = grid->heads[b];
-  grid->heads[b] = c;
+  int32_t i = floor_int(u[0]), j = floor_int(u[1]), k = floor_int(u[2]);
+  uint32_t line = find_line(grid, i >> 1, j >> 1, k >> 2, grid->centres[c].key), place = (uint32_t)((i & 1) | (j & 1) << 1 | (k & 3) << 2);
+  grid->centres[c].next = grid->occupied[line] >> place & 1 ? grid->heads[line * LINE + place] : LOD_NONE;
+  grid->heads[line * LINE + place] = c;
+  grid->occupied[line] |= (uint16_t)(1u << place);
 }
 
 static enum lod_status grid_resize(struct grid *grid, uint32_t lines) {
   grid->heads = LOD_NEW(grid->arena, (size_t)lines * LINE, uint32_t);
-  if (grid->heads == NULL)
+  grid->occupied = LOD_NEW_ZERO(grid->arena, lines, uint16_t);
+  if (grid->heads == NULL || grid->occupied == NULL)
     return LOD_MEMORY;
-  memset(grid->heads, 0xff, (size_t)lines * LINE * sizeof *grid->heads);
   grid->lines = lines;
   grid->line_shift = 32;
   for (uint32_t size = lines; size > 1; size /= 2)
@@ -123,12 +131,12 @@ static enum lod_status grid_grow(struct grid *grid) {
   return LOD_OK;
 }
 
-static inline enum lod_status grid_insert(struct grid *grid, const float p[3], uint32_t vertex, uint32_t key) {
+static inline enum lod_status grid_insert(struct grid *grid, const float p[3], uint32_t rank, uint32_t key) {
   if (grid->count / 4 > grid->lines)
     LOD_TRY(grid_resize(grid, 4 * grid->lines));
   if (grid->count == grid->room)
     LOD_TRY(grid_grow(grid));
-  grid->centres[grid->count] = (struct centre){{p[0], p[1], p[2]}, LOD_NONE, vertex, key};
+  grid->centres[grid->count] = (struct centre){{p[0], p[1], p[2]}, LOD_NONE, rank, key};
   grid_link(grid, grid->count++);
   return LOD_OK;
 }
@@ -156,9 +164,9 @@ static inline const struct centre *find_cover(const struct search *search, const
   }
   for (int i = 0; i < 8; i++) {
     int side = kOrder[i];
-    uint32_t b =
-        bucket(grid, at[0] + (side & 1 ? beside[0] : 0), at[1] + (side & 2 ? beside[1] : 0), at[2] + (side & 4 ? beside[2] : 0), key);
-    for (uint32_t c = grid->heads[b]; c != LOD_NONE; c = grid->centres[c].next) {
+    uint32_t first =
+        bucket_head(grid, at[0] + (side & 1 ? beside[0] : 0), at[1] + (side & 2 ? beside[1] : 0), at[2] + (side & 4 ? beside[2] : 0), key);
+    for (uint32_t c = first; c != LOD_NONE; c = grid->centres[c].next) {
       const struct centre *centre = &grid->centres[c];
       if (centre->key == key && covers(&search->reach, p[0] - centre->p[0], p[1] - centre->p[1], p[2] - centre->p[2]))
         return centre;
@@ -181,8 +189,7 @@ static const struct centre *find_in_cell(const struct search *search, const floa
   double u[3];
   grid_coordinates(grid, p, u);
   *count = 0;
-  for (uint32_t c = grid->heads[bucket(grid, floor_int(u[0]), floor_int(u[1]), floor_int(u[2]), key)]; c != LOD_NONE;
-       c = grid->centres[c].next)
+  for (uint32_t c = bucket_head(grid, floor_int(u[0]), floor_int(u[1]), floor_int(u[2]), key); c != LOD_NONE; c = grid->centres[c].next)
     if (grid->centres[c].key == key && same_grid_cell(grid, p, grid->centres[c].p)) {
       found = &grid->centres[c];
       ++*count;
@@ -240,7 +247,7 @@ static enum lod_status open_cells(struct search *search, uint8_t *birth, uint8_t
   for (uint32_t v = 0; v < unit->count; v++)
     if (birth[v] < level) {
       vertex_position(unit, v, p);
-      LOD_TRY(grid_insert(&search->grid, p, v, vertex_key(search, v)));
+      LOD_TRY(grid_insert(&search->grid, p, unit->rank[v], vertex_key(search, v)));
       mark(search, covered, v, p);
     }
   for (uint32_t i = 0; i < unit->count; i++) {
@@ -259,7 +266,7 @@ static enum lod_status open_cells(struct search *search, uint8_t *birth, uint8_t
     const struct centre *cover = uniform ? find_in_cell(search, p, key, &crowd) : find_cover(search, p, key);
     if (cover == NULL) {
       birth[v] = level;
-      LOD_TRY(grid_insert(&search->grid, p, v, key));
+      LOD_TRY(grid_insert(&search->grid, p, unit->rank[v], key));
       assert((find_in_cell(search, p, key, &crowd), crowd) <= (uniform ? 1u : search->reach.sphere ? CROWD_SPHERE : CROWD_CUBE));
     }
     if (!uniform)
@@ -289,12 +296,11 @@ enum lod_status cluster_open(const struct cluster_unit *unit, const struct lod_c
   return status;
 }
 
-/* Centres whose cell may reach into a box, with their ranks above their numbers: in order of value the heaviest comes first, so that of
- * two equally near the heavier is found first. */
+/* Centres whose cell may reach into a box, in any order, with their ranks above their numbers: of two equally near the heavier wins. */
 struct candidates {
   uint32_t count;
   uint64_t ids[CANDIDATES];
-  float x[CANDIDATES], y[CANDIDATES], z[CANDIDATES]; /* of the centres; only while gathered, not sorted */
+  float x[CANDIDATES], y[CANDIDATES], z[CANDIDATES]; /* of the centres; not in a pruned list */
 };
 
 /* Scratch of one thread. */
@@ -309,37 +315,52 @@ struct assignment {
   float *reach_squared; /* per chunk */
 };
 
-/* Fills `out` with the centres of `key` whose cell meets the box; one may come twice, from two coordinates of one hash. False when the box
- * spans too much of the grid. */
-static bool gather(const struct search *search, const float box[6], uint32_t key, int64_t most_grid_cells, struct candidates *out) {
+/* Adds those centres of a bucket that are of the key and whose cell meets the box. False when there is no more room. */
+static inline bool gather_bucket(const struct search *search, uint32_t first, const float low[3], const float high[3], uint32_t key,
+                                 struct candidates *out) {
+  for (uint32_t c = first; c != LOD_NONE; c = search->grid.centres[c].next) {
+    const struct centre *centre = &search->grid.centres[c];
+    bool reaches = centre->key == key;
+    for (int axis = 0; axis < 3; axis++)
+      reaches &= (centre->p[axis] >= low[axis]) & (centre->p[axis] <= high[axis]);
+    if (!reaches)
+      continue;
+    if (out->count == CANDIDATES)
+      return false;
+    out->x[out->count] = centre->p[0];
+    out->y[out->count] = centre->p[1];
+    out->z[out->count] = centre->p[2];
+    out->ids[out->count++] = (uint64_t)centre->rank << 32 | c;
+  }
+  return true;
+}
+
+/* Fills `out` with the centres of `key` whose cell meets the box; one may come twice, from two lines of one hash. False when the box spans
+ * too much of the grid. */
+static bool gather(const struct search *search, const float box[6], uint32_t key, uint32_t most_lines, struct candidates *out) {
   const struct grid *grid = &search->grid;
   const double margin = 0.5 + 0x1p-20; /* float rounding of the covering test, and of u */
-  const float half = search->reach.half * (1 + 0x1p-20f);
+  float low[3], high[3];
   int32_t from[3], to[3];
   for (int axis = 0; axis < 3; axis++) {
-    from[axis] = floor_int(((double)box[axis] - grid->origin[axis]) * grid->inverse - margin);
-    to[axis] = floor_int(((double)box[3 + axis] - grid->origin[axis]) * grid->inverse + margin);
+    int shift = axis == 2 ? 2 : 1;
+    from[axis] = floor_int(((double)box[axis] - grid->origin[axis]) * grid->inverse - margin) >> shift;
+    to[axis] = floor_int(((double)box[3 + axis] - grid->origin[axis]) * grid->inverse + margin) >> shift;
+    double reach = (double)search->reach.half * (1 + 0x1p-20);
+    low[axis] = (float)((double)box[axis] - reach - 0x1p-23 * fabs((double)box[axis])); /* outwards of any rounding */
+    high[axis] = (float)((double)box[3 + axis] + reach + 0x1p-23 * fabs((double)box[3 + axis]));
   }
-  if ((int64_t)(to[0] - from[0] + 1) * (to[1] - from[1] + 1) * (to[2] - from[2] + 1) > most_grid_cells)
+  if ((uint64_t)(to[0] - from[0] + 1) * (uint64_t)(to[1] - from[1] + 1) * (uint64_t)(to[2] - from[2] + 1) > most_lines)
     return false;
   out->count = 0;
   for (int32_t i = from[0]; i <= to[0]; i++)
     for (int32_t j = from[1]; j <= to[1]; j++)
-      for (int32_t k = from[2]; k <= to[2]; k++)
-        for (uint32_t c = grid->heads[bucket(grid, i, j, k, key)]; c != LOD_NONE; c = grid->centres[c].next) {
-          const struct centre *centre = &grid->centres[c];
-          bool reaches = centre->key == key;
-          for (int axis = 0; axis < 3; axis++)
-            reaches &= (centre->p[axis] - box[3 + axis] <= half) & (box[axis] - centre->p[axis] <= half);
-          if (!reaches)
-            continue;
-          if (out->count == CANDIDATES)
+      for (int32_t k = from[2]; k <= to[2]; k++) {
+        uint32_t line = find_line(grid, i, j, k, key);
+        for (uint32_t bits = grid->occupied[line]; bits != 0; bits &= bits - 1)
+          if (!gather_bucket(search, grid->heads[line * LINE + (uint32_t)__builtin_ctz(bits)], low, high, key, out))
             return false;
-          out->x[out->count] = centre->p[0];
-          out->y[out->count] = centre->p[1];
-          out->z[out->count] = centre->p[2];
-          out->ids[out->count++] = (uint64_t)search->unit->rank[centre->vertex] << 32 | c;
-        }
+      }
   for (uint32_t i = out->count; i % LANES != 0; i++) /* CANDIDATES is a multiple of LANES */
     out->x[i] = out->y[i] = out->z[i] = INFINITY;
   return true;
@@ -350,7 +371,7 @@ static inline lanes larger(lanes a, lanes b) {
   return (lanes)((first & (mask_lanes)a) | (~first & (mask_lanes)b));
 }
 
-/* Copies to `narrow`, in order, what may be nearest to some vertex of the box: drops what does not reach into it, and what is farther from
+/* Copies to `narrow` what may be nearest to some vertex of the box: drops what does not reach into it, and what is farther from
  * all of it than a centre that covers it whole. */
 static void prune(struct assigner *assigner, const struct candidates *wide, const float box[6]) {
   const struct reach *reach = &assigner->search->reach;
@@ -378,23 +399,9 @@ static void prune(struct assigner *assigner, const struct candidates *wide, cons
     limit = least_far[i] * (1 + 0x1p-18f) < limit ? least_far[i] * (1 + 0x1p-18f) : limit; /* far above the rounding of squares */
   struct candidates *narrow = &assigner->narrow;
   narrow->count = 0;
-  for (uint32_t i = 0; i < wide->count; i++)
-    if (nearest[i] <= limit) {
-      uint64_t id = wide->ids[i];
-      uint32_t hole = narrow->count++;
-      for (; hole > 0 && narrow->ids[hole - 1] > id; hole--)
-        narrow->ids[hole] = narrow->ids[hole - 1];
-      narrow->ids[hole] = id;
-    }
-}
-
-static void sort_ids(struct candidates *candidates) {
-  for (uint32_t i = 1; i < candidates->count; i++) {
-    uint64_t id = candidates->ids[i];
-    uint32_t hole = i;
-    for (; hole > 0 && candidates->ids[hole - 1] > id; hole--)
-      candidates->ids[hole] = candidates->ids[hole - 1];
-    candidates->ids[hole] = id;
+  for (uint32_t i = 0; i < wide->count; i++) {
+    narrow->ids[narrow->count] = wide->ids[i];
+    narrow->count += nearest[i] <= limit;
   }
 }
 
@@ -406,16 +413,20 @@ static inline __attribute__((always_inline)) void choose(const struct search *se
   for (int j = 0; j < CLUSTER_BLOCK; j += LANES) {
     lanes x = load(search->unit->x + first + j), y = load(search->unit->y + first + j), z = load(search->unit->z + first + j);
     lanes best = {INFINITY, INFINITY, INFINITY, INFINITY};
-    mask_lanes cell = {-1, -1, -1, -1}, rank;
+    mask_lanes cell = {-1, -1, -1, -1}, best_rank = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MAX}, rank;
     memcpy(&rank, search->unit->rank + first + j, sizeof rank);
     for (uint32_t i = 0; i < candidates->count; i++) {
       const int32_t id = (int32_t)candidates->ids[i], centre_rank = (int32_t)(candidates->ids[i] >> 32);
       const float *c = search->grid.centres[id].p;
       lanes dx = x - c[0], dy = y - c[1], dz = z - c[2], squared = dx * dx + dy * dy + dz * dz;
-      mask_lanes better = covers_lanes(&reach, dx, dy, dz, squared) & (rule == LOD_CLUSTER_HEAVIEST ? cell == -1 : squared < best);
+      mask_lanes better = best_rank > centre_rank;
+      if (rule != LOD_CLUSTER_HEAVIEST)
+        better = (squared < best) | ((squared == best) & better);
+      better &= covers_lanes(&reach, dx, dy, dz, squared);
       if (rule == LOD_CLUSTER_NEAREST_IN_ORDER)
         better &= rank >= centre_rank;
       best = (lanes)((better & (mask_lanes)squared) | (~better & (mask_lanes)best));
+      best_rank = (better & centre_rank) | (~better & best_rank);
       cell = (better & id) | (~better & cell);
     }
     memcpy(best_out + j, &best, sizeof best);
@@ -484,11 +495,11 @@ static float assign_alone(struct assignment *assignment, uint32_t v) {
   for (int axis = 0; axis < 3; axis++)
     from[axis] = floor_int(u[axis] - 0.5);
   for (int i = 0; i < 8; i++)
-    for (uint32_t c = grid->heads[bucket(grid, from[0] + (i & 1), from[1] + (i >> 1 & 1), from[2] + (i >> 2), key)]; c != LOD_NONE;
+    for (uint32_t c = bucket_head(grid, from[0] + (i & 1), from[1] + (i >> 1 & 1), from[2] + (i >> 2), key); c != LOD_NONE;
          c = grid->centres[c].next) {
       const struct centre *centre = &grid->centres[c];
       float dx = p[0] - centre->p[0], dy = p[1] - centre->p[1], dz = p[2] - centre->p[2], squared = dx * dx + dy * dy + dz * dz;
-      uint32_t rank = search->unit->rank[centre->vertex];
+      uint32_t rank = centre->rank;
       if (centre->key == key && covers(&search->reach, dx, dy, dz) &&
           is_better(search->settings->assignment, search->unit->rank[v], squared, rank, best, best_rank)) {
         best = squared;
@@ -508,7 +519,7 @@ static float assign_block(struct assignment *assignment, struct assigner *assign
   float reach = 0, best[CLUSTER_BLOCK];
   uint32_t cell[CLUSTER_BLOCK];
   if (wide == NULL && one_key(search, block) &&
-      gather(search, unit->block_box[block], vertex_key(search, first), BLOCK_GRID_CELLS, &assigner->wide))
+      gather(search, unit->block_box[block], vertex_key(search, first), BLOCK_LINES, &assigner->wide))
     wide = &assigner->wide;
   if (wide == NULL) {
     for (uint32_t i = 0; i < size; i++) {
@@ -522,7 +533,6 @@ static float assign_block(struct assignment *assignment, struct assigner *assign
   } else {
     memcpy(assigner->narrow.ids, wide->ids, wide->count * sizeof *wide->ids);
     assigner->narrow.count = wide->count;
-    sort_ids(&assigner->narrow);
   }
   choose_by_rule(search, first, &assigner->narrow, best, cell);
   for (uint32_t i = 0; i < size; i++) {
@@ -548,7 +558,7 @@ static bool gather_run(const struct search *search, uint32_t begin, uint32_t end
       box[3 + axis] = unit->block_box[b][3 + axis] > box[3 + axis] ? unit->block_box[b][3 + axis] : box[3 + axis];
     }
   }
-  return gather(search, box, vertex_key(search, begin * CLUSTER_BLOCK), RUN_GRID_CELLS, out);
+  return gather(search, box, vertex_key(search, begin * CLUSTER_BLOCK), RUN_LINES, out);
 }
 
 static float assign_run(struct assignment *assignment, struct assigner *assigner, uint32_t begin, uint32_t end) {
@@ -599,7 +609,7 @@ static enum lod_status assign(struct assignment *assignment, double cell, const 
       float p[3];
       vertex_position(unit, v, p);
       cells->centre[search->grid.count] = v;
-      LOD_TRY(grid_insert(&search->grid, p, v, vertex_key(search, v)));
+      LOD_TRY(grid_insert(&search->grid, p, unit->rank[v], vertex_key(search, v)));
     }
   assignment->image = cells->image;
   lod_parallel_for(search->settings->threads, unit->block_count, CLUSTER_GRAIN / CLUSTER_BLOCK, assign_range, assignment);

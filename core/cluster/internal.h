@@ -102,9 +102,9 @@ LOD_WARN_UNUSED enum lod_status cluster_assign(const struct cluster_unit *unit, 
 /* Unit cell in working units for a cell in model units, within sensible limits. */
 double cluster_working_cell(const struct cluster_unit *unit, double cell);
 
-/* represent.c. Positions of the level's vertices, unit space; *bound: max |v - image(v)|, unit space. */
+/* represent.c. Positions of the level's vertices, unit space; *bound: max |v - image(v)|, unit space. Allocates in `scratch` alone. */
 LOD_WARN_UNUSED enum lod_status cluster_represent(const struct cluster_unit *unit, const struct lod_cluster_settings *settings,
-                                                  const struct cluster_cells *cells, struct lod_arena *arena, float (**positions)[3],
+                                                  const struct cluster_cells *cells, struct lod_arena *scratch, float (*positions)[3],
                                                   double *bound);
 
 /* synthesize.c. Triangles, edges and points of the level with what they came from. */

@@ -81,26 +81,60 @@ static void scatter_images(const struct cluster_unit *unit, const struct cluster
     images[unit->source[v]] = cells->image[v];
 }
 
+/* Two tasks that share nothing but what they read: what becomes of the triangles, and where the vertices stand. */
+struct tasks {
+  const struct cluster_unit *unit;
+  const struct lod_cluster_settings *settings;
+  const struct cluster_cells *cells;
+  struct lod_arena *arena;   /* of the first */
+  struct lod_arena *scratch; /* of the second */
+  struct cluster_synthesis synthesis;
+  float (*positions)[3];
+  uint32_t *images;
+  double bound;
+  enum lod_status status[2];
+};
+
+static void run_task(void *context, size_t begin, size_t end, size_t chunk) {
+  struct tasks *tasks = context;
+  (void)end;
+  (void)chunk;
+  if (begin == 0) {
+    tasks->status[0] = cluster_synthesize(tasks->unit, tasks->cells, tasks->arena, &tasks->synthesis);
+  } else {
+    tasks->status[1] = cluster_represent(tasks->unit, tasks->settings, tasks->cells, tasks->scratch, tasks->positions, &tasks->bound);
+    scatter_images(tasks->unit, tasks->cells, tasks->images);
+  }
+}
+
 enum lod_status cluster_make_mesh(const struct cluster_unit *unit, const struct lod_cluster_settings *settings,
                                   const struct cluster_cells *cells, struct lod_arena *arena, struct lod_mesh *mesh, uint32_t **images,
                                   uint32_t **nearby, double *bound) {
-  struct cluster_synthesis synthesis;
-  LOD_TRY(cluster_synthesize(unit, cells, arena, &synthesis));
-  *mesh = (struct lod_mesh){.vertex_count = cells->count,
-                            .triangle_count = synthesis.triangle_count,
-                            .edge_count = synthesis.edge_count,
-                            .point_count = synthesis.point_count,
-                            .triangles = synthesis.triangles,
-                            .edges = synthesis.edges,
-                            .points = synthesis.points};
-  LOD_TRY(cluster_represent(unit, settings, cells, arena, &mesh->positions, bound));
-  LOD_TRY(cluster_thicken(unit, cells, &synthesis, arena, &mesh->edge_thickness, &mesh->point_thickness));
-  LOD_TRY(cluster_attribute(unit, cells, &synthesis, arena, mesh));
-  *images = LOD_NEW(arena, unit->mesh->vertex_count, uint32_t);
-  if (*images == NULL)
+  struct tasks tasks = {.unit = unit, .settings = settings, .cells = cells, .arena = arena, .scratch = lod_arena_create_child(arena)};
+  tasks.positions = lod_arena_alloc(arena, cells->count, sizeof *tasks.positions);
+  tasks.images = LOD_NEW(arena, unit->mesh->vertex_count, uint32_t);
+  if (tasks.scratch == NULL || tasks.positions == NULL || tasks.images == NULL) {
+    lod_arena_destroy(tasks.scratch);
     return LOD_MEMORY;
-  scatter_images(unit, cells, *images);
-  *nearby = synthesis.nearby;
+  }
+  lod_parallel_for(settings->threads, 2, 1, run_task, &tasks);
+  lod_arena_destroy(tasks.scratch);
+  LOD_TRY(tasks.status[0]);
+  LOD_TRY(tasks.status[1]);
+  const struct cluster_synthesis *synthesis = &tasks.synthesis;
+  *mesh = (struct lod_mesh){.vertex_count = cells->count,
+                            .triangle_count = synthesis->triangle_count,
+                            .edge_count = synthesis->edge_count,
+                            .point_count = synthesis->point_count,
+                            .positions = tasks.positions,
+                            .triangles = synthesis->triangles,
+                            .edges = synthesis->edges,
+                            .points = synthesis->points};
+  LOD_TRY(cluster_thicken(unit, cells, synthesis, arena, &mesh->edge_thickness, &mesh->point_thickness));
+  LOD_TRY(cluster_attribute(unit, cells, synthesis, arena, mesh));
+  *images = tasks.images;
+  *nearby = synthesis->nearby;
+  *bound = tasks.bound;
   return LOD_OK;
 }
 

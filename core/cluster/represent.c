@@ -133,20 +133,14 @@ static double farthest_move(const struct cluster_unit *unit, const struct cluste
 }
 
 enum lod_status cluster_represent(const struct cluster_unit *unit, const struct lod_cluster_settings *settings,
-                                  const struct cluster_cells *cells, struct lod_arena *arena, float (**positions)[3], double *bound) {
-  *positions = lod_arena_alloc(arena, cells->count, sizeof **positions);
-  if (*positions == NULL)
-    return LOD_MEMORY;
+                                  const struct cluster_cells *cells, struct lod_arena *scratch, float (*positions)[3], double *bound) {
   if (settings->representative == LOD_CLUSTER_CENTRE) {
     for (uint32_t c = 0; c < cells->count; c++)
-      memcpy((*positions)[c], unit->mesh->positions[unit->source[cells->centre[c]]], sizeof **positions);
+      memcpy(positions[c], unit->mesh->positions[unit->source[cells->centre[c]]], sizeof *positions);
     *bound = cells->reach / unit->shrink;
     return LOD_OK;
   }
-  struct lod_arena *scratch = lod_arena_create_child(arena);
-  enum lod_status status = scratch != NULL ? move_representatives(unit, settings, cells, scratch, *positions) : LOD_MEMORY;
-  lod_arena_destroy(scratch);
-  if (status == LOD_OK)
-    *bound = farthest_move(unit, cells, *positions);
-  return status;
+  LOD_TRY(move_representatives(unit, settings, cells, scratch, positions));
+  *bound = farthest_move(unit, cells, positions);
+  return LOD_OK;
 }
