@@ -210,11 +210,11 @@ static bool find_edge_plane(struct lod_certifier *c, uint32_t primitive, struct 
     return false;
   struct lod_vec3 ap = lod_vec3_subtract(p, t->a);
   double height = lod_vec3_dot(ap, t->normal);
-  if (height * height > 0.5 * t2 * t->normal_squared)
+  if (height * height > t2 * t->normal_squared)
     return false;
   const struct lod_vec3 starts[3] = {lod_vec3_make(0, 0, 0), t->ab, t->ac};
   const struct lod_vec3 edges[3] = {t->ab, lod_vec3_subtract(t->ac, t->ab), lod_vec3_scale(t->ac, -1)};
-  double least = 0.1 * t2, farthest = least; /* less is no progress */
+  double least = 1e-4 * t2, farthest = least; /* less is no progress */
   for (int k = 0; k < 3; k++) {
     struct lod_vec3 outward = lod_vec3_cross(edges[k], t->normal);
     double over = lod_vec3_dot(outward, lod_vec3_subtract(ap, starts[k]));
@@ -237,6 +237,41 @@ static bool cut_along_target(struct lod_certifier *c, const struct lod_piece *pi
     return false;
   parts[0].hint = primitive;
   parts[1].hint = piece->near[worst] != primitive ? piece->near[worst] : LOD_NONE;
+  return true;
+}
+
+/* Where the piece lies in a valley of the target, its parts near to either slope: the plane as far from one slope as from the other, on the
+ * sides where the piece is. `worst` is far from the slope of the hint and near to its own. */
+static bool cut_between_targets(struct lod_certifier *c, const struct lod_piece *piece, uint32_t worst, struct lod_piece parts[2]) {
+  uint32_t slopes[2] = {piece->hint, piece->near[worst]};
+  if (slopes[0] == slopes[1] || piece->depth > MAX_CUTS || piece->count > LOD_PIECE_CORNERS - 2)
+    return false;
+  struct lod_vec3 normals[2], origins[2];
+  double radius;
+  struct lod_vec3 points[2] = {piece_centre(piece, &radius), piece->corners[worst]};
+  for (int k = 0; k < 2; k++) {
+    const struct lod_triangle_probe *t = probe(c, slopes[k]);
+    if (!(t->normal_squared > 0))
+      return false;
+    origins[k] = t->a;
+    bool below = lod_vec3_dot(t->normal, lod_vec3_subtract(points[k], t->a)) < 0;
+    normals[k] = lod_vec3_scale(t->normal, (below ? -1 : 1) / sqrt(t->normal_squared));
+  }
+  struct plane plane = {.normal = lod_vec3_subtract(normals[0], normals[1])};
+  double length_squared = lod_vec3_length_squared(plane.normal);
+  if (!(length_squared > 1e-12))
+    return false;
+  /* The point of the plane under the worst corner: heights differ by `excess` there. */
+  double excess = lod_vec3_dot(normals[0], lod_vec3_subtract(points[1], origins[0])) -
+                  lod_vec3_dot(normals[1], lod_vec3_subtract(points[1], origins[1]));
+  plane.point = lod_vec3_add_scaled(points[1], plane.normal, -excess / length_squared);
+  double least = 0.05 * c->threshold, lowest = 0;
+  for (uint32_t i = 0; i < piece->count; i++)
+    lowest = fmin(lowest, lod_vec3_dot(plane.normal, lod_vec3_subtract(piece->corners[i], plane.point)));
+  if (excess < least || lowest > -least || !cut(piece, &plane, parts))
+    return false;
+  parts[0].hint = slopes[0];
+  parts[1].hint = slopes[1];
   return true;
 }
 
@@ -268,13 +303,15 @@ static bool decide(struct lod_certifier *c, struct lod_piece *piece, struct lod_
   }
   /* Maxima like corners. */
   if (piece->near[worst] == LOD_NONE) {
+    uint32_t unused;
     piece->near[worst] = reach(c, piece->corners[worst], piece->hint, c->lower, &distance);
-    if (piece->near[worst] != piece->hint && drop_by_corners(c, piece, piece->near[worst], &worst))
+    if (piece->near[worst] != piece->hint && drop_by_corners(c, piece, piece->near[worst], &unused))
       return true;
   }
   if (drop(c, piece->upper))
     return true;
-  halve(piece, parts);
+  if (!cut_between_targets(c, piece, worst, parts))
+    halve(piece, parts);
   return false;
 }
 
