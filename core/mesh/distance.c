@@ -27,7 +27,7 @@ enum {
   FIRST_BATCH = 64,  /* pieces of the list */
   LARGEST_BATCH = 8192,
 };
-static const uint64_t kBudget = 20000000;
+static const uint64_t kBudget = 20000000, kBudgetEach = 20;
 
 struct piece_list {
   struct lod_arena *arena; /* created with the first piece */
@@ -287,7 +287,8 @@ static void scan_chunk(void *context, size_t begin, size_t end, size_t chunk) {
 
 static enum lod_status scan_everything(struct side *side, struct piece_list *rest) {
   size_t chunks = side->items->node_counts[chunk_level(side)], round = FIRST_ROUND;
-  side->splits_each = SCAN_SPLITS;
+  uint64_t fair = side->budget / side->items->count;
+  side->splits_each = fair < SCAN_SPLITS ? (uint32_t)fair : SCAN_SPLITS;
   for (size_t done = 0; done < chunks; done += round, round *= 2) {
     side->first = done;
     LOD_TRY(run_round(side, chunks - done < round ? chunks - done : round, 1, scan_chunk, rest));
@@ -427,7 +428,7 @@ static enum lod_status measure_trees(const struct lod_mesh *a, const struct lod_
         .known_upper = s == 0 ? settings->known_upper_ab : settings->known_upper_ba,
         .rounding = rounding,
         .arena = scratch,
-        .budget = settings->budget > 0 ? settings->budget : kBudget,
+        .budget = settings->budget > 0 ? settings->budget : kBudget + kBudgetEach * trees[s]->count,
     };
   }
   return measure(sides, scratch, distance);

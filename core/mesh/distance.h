@@ -1,7 +1,7 @@
 /* Certified two-sided Hausdorff distance between two sets of triangles, segments and points: an interval, never a sample.
  *
- * Based on the convexity lemma of shared algorithms 2.4.2: the distance to a convex set is convex, so corners within e of one triangle S
- * prove the whole triangle within e of S; what that does not decide is split in four (branch and bound, after Tang, Lee, Kim 2009).
+ * Based on the convexity lemma: the distance to a convex set is convex, so corners within e of one triangle S prove the whole triangle
+ * within e of S; what that does not decide is cut and tried again (branch and bound, after Tang, Lee, Kim 2009; see distance.c).
  * Bounds are widened by lod_tolerance_rounding, so rounding never breaks them. */
 #ifndef LOD_CORE_MESH_DISTANCE_H
 #define LOD_CORE_MESH_DISTANCE_H
@@ -15,10 +15,10 @@ struct lod_interval {
 };
 
 struct lod_distance_settings {
-  double relative;       /* stop when upper - lower <= relative * lower ... (default LOD_TOLERANCE_DISTANCE_RELATIVE) */
-  double absolute;       /* ... or <= absolute, in model units (default 0) */
-  uint64_t budget;       /* about the most splits a side before it stops with a looser, still valid interval; 0 = 20 million */
-  uint32_t threads;      /* as lod_parallel_for; results do not depend on it */
+  double relative;  /* stop when upper - lower <= relative * lower ... (default LOD_TOLERANCE_DISTANCE_RELATIVE) */
+  double absolute;  /* ... or <= absolute, in model units (default 0) */
+  uint64_t budget;  /* about the most cuts a side before it stops with a looser, still valid interval; 0 = 20 million and 20 a primitive */
+  uint32_t threads; /* as lod_parallel_for; results do not depend on it */
   double known_upper_ab; /* an upper bound of a->b already proven by other means; INFINITY = none */
   double known_upper_ba;
   const uint32_t *hint_ab; /* per primitive of a (numbered as in bvh.h): a primitive of b likely to lie near, or LOD_NONE; or NULL */
