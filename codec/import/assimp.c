@@ -1,8 +1,8 @@
-/* OBJ, OFF, FBX, Collada, 3MF, 3DS and whatever else assimp reads.
+/* OFF, FBX, Collada, 3MF, 3DS and whatever else assimp reads.
  *
- * assimp gets no post-processing step: it neither triangulates nor welds nor makes normals, that is ours. It sees one file, and through our callbacks the files beside it that the caller offers; it never opens anything itself. Its importers are not
- * written for hostile bytes, which is why a worker is jailed; what is cheap to check beforehand (counts that allocate, nesting that
- * recurses) is checked here.
+ * assimp gets no post-processing step: it neither triangulates nor welds nor makes normals, that is ours. It sees one file, and through our
+ * callbacks the files beside it that the caller offers; it never opens anything itself. Its importers are not written for hostile bytes,
+ * which is why a worker is jailed; what is cheap to check beforehand (counts that allocate, nesting that recurses) is checked here.
  *
  * Rounding: assimp parses decimals with fast_atof, whose integer and fraction parts and their sum are floats, times a float power of ten
  * where there is an exponent: fewer than 8 roundings of 2^-24 each. */
@@ -34,8 +34,8 @@ struct memory_file {
 struct memory_io {
   struct aiFileIO io;
   struct lod_reader *reader;
-  char root[96]; /* "bunny.obj" */
-  size_t stem;   /* length of "bunny." */
+  char root[96]; /* "duck.dae" */
+  size_t stem;   /* length of "duck." */
 };
 
 static size_t file_read(struct aiFile *file, char *out, size_t size, size_t count) {
@@ -54,9 +54,15 @@ static size_t file_write(struct aiFile *file, const char *bytes, size_t size, si
   return 0;
 }
 
-static size_t file_tell(struct aiFile *file) { return ((struct memory_file *)(void *)file->UserData)->at; }
-static size_t file_size(struct aiFile *file) { return ((struct memory_file *)(void *)file->UserData)->size; }
-static void file_flush(struct aiFile *file) { (void)file; }
+static size_t file_tell(struct aiFile *file) {
+  return ((struct memory_file *)(void *)file->UserData)->at;
+}
+static size_t file_size(struct aiFile *file) {
+  return ((struct memory_file *)(void *)file->UserData)->size;
+}
+static void file_flush(struct aiFile *file) {
+  (void)file;
+}
 
 static aiReturn file_seek(struct aiFile *file, size_t offset, enum aiOrigin origin) {
   struct memory_file *memory = (struct memory_file *)(void *)file->UserData;
@@ -86,11 +92,11 @@ static struct aiFile *io_open(struct aiFileIO *io, const char *name, const char 
   size_t size = reader->size;
   if (strchr(mode, 'w') || strchr(mode, 'a') || strchr(mode, '+'))
     return NULL;
-  /* Guesses of assimp's ("bunny.mtl" for bunny.obj): quietly nothing when they are not there. */
+  /* Guesses of assimp's ("duck.mtl" for duck.x): quietly nothing when they are not there. */
   bool guess = strcmp(name, memory->root) != 0 && strncmp(name, memory->root, memory->stem) == 0;
   if (guess && !has_file(reader, name))
     return NULL;
-  if (strcmp(name, memory->root) != 0 && lod_assimp_open(reader, name, reader->scratch, &bytes, &size) != LOD_OK)
+  if (strcmp(name, memory->root) != 0 && lod_reader_open_companion(reader, name, reader->scratch, &bytes, &size) != LOD_OK)
     return NULL;
   struct memory_file *file = bytes ? LOD_NEW_ZERO(reader->scratch, 1, struct memory_file) : NULL;
   if (!file)
@@ -106,7 +112,9 @@ static struct aiFile *io_open(struct aiFileIO *io, const char *name, const char 
   return &file->file;
 }
 
-static void io_close(struct aiFileIO *io, struct aiFile *file) { (void)io, (void)file; }
+static void io_close(struct aiFileIO *io, struct aiFile *file) {
+  (void)io, (void)file;
+}
 
 /* --- checks before assimp sees the bytes --- */
 
@@ -126,7 +134,9 @@ static enum lod_status check_depth(struct lod_reader *reader) {
   return LOD_OK;
 }
 
-static bool is_blank_or_comment(const char *at, const char *end) { return at == end || *at == '#' || *at == '\n' || *at == '\r'; }
+static bool is_blank_or_comment(const char *at, const char *end) {
+  return at == end || *at == '#' || *at == '\n' || *at == '\r';
+}
 
 /* assimp allocates what an OFF header promises. A vertex takes at least 6 bytes of text ("0 0 0\n"), a face 4; binary OFF more. */
 static enum lod_status check_off(struct lod_reader *reader) {
@@ -150,22 +160,10 @@ static enum lod_status check_off(struct lod_reader *reader) {
   if (found < 2)
     return lod_reader_bad(reader, "truncated", "the file ends within its OFF header");
   if (!(counts[0] >= 0) || !(counts[1] >= 0) || counts[0] * 6 > (double)reader->size + 1 || counts[1] * 4 > (double)reader->size + 1)
-    return lod_reader_bad(reader, "truncated", "the OFF header promises %.0f vertices and %.0f faces, more than %zu bytes can hold", counts[0],
-                          counts[1], reader->size);
+    return lod_reader_bad(reader, "truncated", "the OFF header promises %.0f vertices and %.0f faces, more than %zu bytes can hold",
+                          counts[0], counts[1], reader->size);
   reader->source_vertices = (uint64_t)counts[0];
   return LOD_OK;
-}
-
-/* assimp copies OBJ vertices to every corner: what the file calls vertices are its "v" lines. */
-static uint64_t count_obj_vertices(const struct lod_reader *reader) {
-  uint64_t count = 0;
-  const uint8_t *at = reader->bytes, *end = at + reader->size;
-  while (at && at + 1 < end) {
-    count += at[0] == 'v' && (at[1] == ' ' || at[1] == '\t');
-    at = memchr(at, '\n', (size_t)(end - at));
-    at = at ? at + 1 : NULL;
-  }
-  return count;
 }
 
 static enum lod_status check_before(struct lod_reader *reader) {
@@ -173,8 +171,6 @@ static enum lod_status check_before(struct lod_reader *reader) {
   for (size_t i = 0; i < sizeof kNested / sizeof *kNested; i++)
     if (strcmp(reader->format, kNested[i]) == 0 && memcmp(reader->bytes, "Kaydara", reader->size < 7 ? reader->size : 7) != 0)
       LOD_TRY(check_depth(reader));
-  if (strcmp(reader->format, "obj") == 0)
-    reader->source_vertices = count_obj_vertices(reader);
   return strcmp(reader->format, "off") == 0 ? check_off(reader) : LOD_OK;
 }
 

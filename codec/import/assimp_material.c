@@ -12,25 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* --- files and textures --- */
-
-enum lod_status lod_assimp_open(struct lod_reader *reader, const char *path, struct lod_arena *arena, const uint8_t **bytes, size_t *size) {
-  struct lod_problem *outer = reader->problem, local = {0};
-  reader->problem = &local;
-  enum lod_status status = lod_reader_open_optional(reader, path, false, arena, bytes, size);
-  reader->problem = outer;
-  if (status == LOD_OK)
-    return LOD_OK;
-  if (strcmp(local.type, "unsafe-uri") != 0)
-    return lod_fail(outer, status, local.type, "%s", local.detail);
-  const char *last = path + strlen(path);
-  while (last > path && last[-1] != '/' && last[-1] != '\\' && last[-1] != ':')
-    last--;
-  *bytes = NULL;
-  if (*last == 0 || strcmp(last, "..") == 0 || strcmp(last, ".") == 0)
-    return LOD_OK;
-  return lod_reader_open_optional(reader, last, false, arena, bytes, size);
-}
+/* --- textures --- */
 
 /* Raw texels (old game formats embed them) to PNG; *bytes in reader->arena. */
 static enum lod_status encode_texels(struct lod_reader *reader, const struct aiTexture *texture, const uint8_t **bytes, size_t *size) {
@@ -67,7 +49,7 @@ static enum lod_status texture_bytes(struct lod_reader *reader, const struct aiS
   const struct aiTexture *embedded = find_embedded(scene, path);
   *bytes = NULL;
   if (!embedded)
-    return path[0] == '*' ? LOD_OK : lod_assimp_open(reader, path, reader->arena, bytes, size);
+    return path[0] == '*' ? LOD_OK : lod_reader_open_companion(reader, path, reader->arena, bytes, size);
   if (!embedded->pcData)
     return LOD_OK;
   if (embedded->mHeight > 0)
@@ -87,7 +69,8 @@ struct context {
 };
 
 /* The first texture of one of two types under json[key]. The same path twice becomes two images; the store keeps equal bytes once. */
-static enum lod_status add_texture(struct context *context, enum aiTextureType first, enum aiTextureType second, json_t *owner, const char *key) {
+static enum lod_status add_texture(struct context *context, enum aiTextureType first, enum aiTextureType second, json_t *owner,
+                                   const char *key) {
   struct aiString path;
   unsigned uv_set = 0;
   const uint8_t *bytes;
@@ -123,7 +106,9 @@ static bool get_number(const struct context *context, const char *key, float *va
   return aiGetMaterialFloatArray(context->material, key, 0, 0, value, &count) == aiReturn_SUCCESS && count == 1 && isfinite(*value);
 }
 
-static double unit(double value) { return value >= 0 ? fmin(value, 1) : 0; }
+static double unit(double value) {
+  return value >= 0 ? fmin(value, 1) : 0;
+}
 
 /* Component of a colour: clamped, made linear where the file says sRGB. */
 static double channel(float value, bool linear) {
@@ -152,7 +137,8 @@ static void set_base_color(struct context *context, bool textured) {
 
 static void set_factors(struct context *context) {
   float metallic, roughness, shininess;
-  bool has_metallic = get_number(context, "$mat.metallicFactor", &metallic), has_roughness = get_number(context, "$mat.roughnessFactor", &roughness);
+  bool has_metallic = get_number(context, "$mat.metallicFactor", &metallic),
+       has_roughness = get_number(context, "$mat.roughnessFactor", &roughness);
   double rough = 1;
   if (has_roughness)
     rough = unit((double)roughness);
@@ -162,8 +148,9 @@ static void set_factors(struct context *context) {
   json_object_set_new(context->pbr, "roughnessFactor", json_real(rough));
   struct aiColor4D emissive;
   if (get_color(context, "$clr.emissive", &emissive) && (emissive.r > 0 || emissive.g > 0 || emissive.b > 0))
-    json_object_set_new(context->json, "emissiveFactor",
-                        json_pack("[f,f,f]", channel(emissive.r, has_metallic), channel(emissive.g, has_metallic), channel(emissive.b, has_metallic)));
+    json_object_set_new(
+        context->json, "emissiveFactor",
+        json_pack("[f,f,f]", channel(emissive.r, has_metallic), channel(emissive.g, has_metallic), channel(emissive.b, has_metallic)));
   int two_sided = 0;
   unsigned count = 1;
   if (aiGetMaterialIntegerArray(context->material, "$mat.twosided", 0, 0, &two_sided, &count) == aiReturn_SUCCESS && two_sided)
@@ -191,7 +178,8 @@ static enum lod_status add_material(struct context *context, const char *name, u
 }
 
 enum lod_status lod_assimp_material(struct lod_reader *reader, const struct aiScene *scene, uint32_t number, uint32_t *material) {
-  struct context context = {.reader = reader, .scene = scene, .material = scene->mMaterials[number], .json = json_object(), .pbr = json_object()};
+  struct context context = {
+      .reader = reader, .scene = scene, .material = scene->mMaterials[number], .json = json_object(), .pbr = json_object()};
   struct aiString name = {0};
   *material = LOD_NONE;
   aiGetMaterialString(context.material, AI_MATKEY_NAME, &name);

@@ -3,8 +3,8 @@
 #include "codec/import/reader.h"
 
 /* The first attribute of a kind with a fitting number of components, as floats; NULL when there is none. */
-static enum lod_status read_kind(struct lod_reader *reader, const struct lod_draco_mesh *draco, enum lod_draco_kind kind, int skip, int least,
-                                 int most, float **values, int *components) {
+static enum lod_status read_kind(struct lod_reader *reader, const struct lod_draco_mesh *draco, enum lod_draco_kind kind, int skip,
+                                 int least, int most, float **values, int *components) {
   *values = NULL;
   for (uint32_t i = 0; i < draco->attribute_count; i++) {
     struct lod_draco_attribute attribute = draco->attributes[i];

@@ -78,7 +78,8 @@ static enum lod_status read_beneath(void *context, const char *uri, struct lod_a
   const int *directory = context;
   int fd = open_beneath(*directory, uri);
   if (fd < 0)
-    return lod_fail(problem, LOD_BAD_INPUT, "missing-file", "'%.200s', which the model refers to, cannot be opened: %s", uri, strerror(errno));
+    return lod_fail(problem, LOD_BAD_INPUT, "missing-file", "'%.200s', which the model refers to, cannot be opened: %s", uri,
+                    strerror(errno));
   enum lod_status result = read_open_file(fd, uri, arena, bytes, size, problem);
   close(fd);
   return result;

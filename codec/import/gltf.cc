@@ -24,11 +24,21 @@ extern "C" {
 
 namespace {
 
-bool no_file(const std::string &, void *) { return false; }
-std::string no_expand(const std::string &, void *) { return std::string(); }
-bool no_read(std::vector<unsigned char> *, std::string *, const std::string &, void *) { return false; }
-bool no_write(std::string *, const std::string &, const std::vector<unsigned char> &, void *) { return false; }
-bool no_image(tinygltf::Image *, const int, std::string *, std::string *, int, int, const unsigned char *, int, void *) { return true; }
+bool no_file(const std::string &, void *) {
+  return false;
+}
+std::string no_expand(const std::string &, void *) {
+  return std::string();
+}
+bool no_read(std::vector<unsigned char> *, std::string *, const std::string &, void *) {
+  return false;
+}
+bool no_write(std::string *, const std::string &, const std::vector<unsigned char> &, void *) {
+  return false;
+}
+bool no_image(tinygltf::Image *, const int, std::string *, std::string *, int, int, const unsigned char *, int, void *) {
+  return true;
+}
 
 /* Thrown by the helpers below, caught in lod_gltf_parse. */
 struct refused {
@@ -71,7 +81,7 @@ void compose(const tinygltf::Node &node, double m[16]) {
   for (double &value : q)
     value = std::fabs(length - 1) > 1e-9 ? value / length : value;
   double x = q[0], y = q[1], z = q[2], w = q[3];
-  const double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w), 2 * (x * y - z * w), 1 - 2 * (x * x + z * z),
+  const double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w), 2 * (x * y - z * w),    1 - 2 * (x * x + z * z),
                        2 * (y * z + x * w),     2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)};
   for (int column = 0; column < 3; column++) {
     for (int row = 0; row < 3; row++)
@@ -174,7 +184,8 @@ void fill(const tinygltf::Model &model, int32_t no_view, struct lod_arena *arena
     fill_accessor(&gltf->accessors[gltf->accessor_count++], accessor, no_view);
   gltf->meshes = make<lod_gltf_mesh>(arena, model.meshes.size());
   for (const auto &mesh : model.meshes) {
-    gltf->meshes[gltf->mesh_count++] = lod_gltf_mesh{copy(arena, mesh.name), gltf->primitive_count, static_cast<uint32_t>(mesh.primitives.size())};
+    gltf->meshes[gltf->mesh_count++] =
+        lod_gltf_mesh{copy(arena, mesh.name), gltf->primitive_count, static_cast<uint32_t>(mesh.primitives.size())};
     for (const auto &primitive : mesh.primitives)
       fill_primitive(&gltf->primitives[gltf->primitive_count++], primitive);
   }

@@ -53,7 +53,7 @@ struct lod_gltf_mesh {
 struct lod_gltf_node {
   const char *name;
   int32_t mesh, skin;
-  double matrix[16]; /* local; from translation, rotation and scale where it has no matrix */
+  double matrix[16];                 /* local; from translation, rotation and scale where it has no matrix */
   uint32_t first_child, child_count; /* in lod_gltf.children */
 };
 
@@ -82,7 +82,8 @@ struct lod_gltf {
 
 /* json: NUL-terminated, as gltf_schema.c wrote it; no_view: the bufferView number that stands for "none". message: why it failed, for
  * people. LOD_BAD_INPUT when tinygltf refuses it, LOD_MEMORY. */
-enum lod_status lod_gltf_parse(const char *json, size_t size, int32_t no_view, struct lod_arena *arena, struct lod_gltf *gltf, char message[200]);
+enum lod_status lod_gltf_parse(const char *json, size_t size, int32_t no_view, struct lod_arena *arena, struct lod_gltf *gltf,
+                               char message[200]);
 
 #ifdef __cplusplus
 }

@@ -73,10 +73,12 @@ static enum lod_status decompress(struct lod_gltf_document *document, uint32_t v
   const json_t *filter_name = json_object_get(extension, "filter");
   if (buffer < 0 || !find_name(json_string_value(json_object_get(extension, "mode")), kModes, 3, &mode) ||
       (filter_name && !find_name(json_string_value(filter_name), kFilters, 4, &filter)))
-    return lod_reader_bad(reader, "bad-json", "EXT_meshopt_compression of bufferViews[%u] lacks a buffer or has an unknown mode or filter", view);
+    return lod_reader_bad(reader, "bad-json", "EXT_meshopt_compression of bufferViews[%u] lacks a buffer or has an unknown mode or filter",
+                          view);
   uint64_t length = document->gltf.views[view].length, stride = numbers[2], count = numbers[3];
   if (stride == 0 || stride > 256 || length / stride < count || length != stride * count)
-    return lod_reader_bad(reader, "bad-meshopt", "bufferViews[%u].byteLength is not EXT_meshopt_compression's byteStride times count", view);
+    return lod_reader_bad(reader, "bad-meshopt", "bufferViews[%u].byteLength is not EXT_meshopt_compression's byteStride times count",
+                          view);
   /* At best 16 bytes come from 2 bits (a group whose deltas are all 0): nothing unpacks to more than 64 times its size. */
   if (length / 128 > numbers[1])
     return lod_reader_bad(reader, "truncated", "bufferViews[%u] cannot unpack to %llu bytes from %llu", view, (unsigned long long)length,
@@ -87,8 +89,8 @@ static enum lod_status decompress(struct lod_gltf_document *document, uint32_t v
   if (!bytes)
     return lod_reader_memory(reader);
   struct lod_problem problem = {0};
-  enum lod_status status = lod_meshopt_decode((enum lod_meshopt_mode)mode, (enum lod_meshopt_filter)filter, bytes, count, stride, packed,
-                                              numbers[1], &problem);
+  enum lod_status status =
+      lod_meshopt_decode((enum lod_meshopt_mode)mode, (enum lod_meshopt_filter)filter, bytes, count, stride, packed, numbers[1], &problem);
   if (status != LOD_OK)
     return lod_reader_fail(reader, status, problem.type, "bufferViews[%u]: %s", view, problem.detail);
   *out = (struct lod_gltf_bytes){.bytes = bytes, .size = length};
@@ -136,17 +138,18 @@ struct elements {
   size_t stride;
 };
 
-/* Matrices' columns start at multiples of four bytes (3.6.2.4): only 2x2 and 3x3 of small types have gaps, and none of those is used here. */
-static enum lod_status find_elements(struct lod_gltf_document *document, uint32_t index, int32_t view, uint64_t offset, uint64_t count, size_t element,
-                                     bool packed, struct elements *out) {
+/* Matrices' columns start at multiples of four bytes (3.6.2.4): only 2x2 and 3x3 of small types have gaps, and none of those is used here.
+ */
+static enum lod_status find_elements(struct lod_gltf_document *document, uint32_t index, int32_t view, uint64_t offset, uint64_t count,
+                                     size_t element, bool packed, struct elements *out) {
   const uint8_t *bytes = NULL;
   size_t size = 0;
   LOD_TRY(lod_gltf_view_bytes(document, (uint32_t)view, &bytes, &size));
   uint64_t stride = packed ? 0 : document->gltf.views[view].stride;
   stride = stride ? stride : element;
   if (stride < element)
-    return lod_reader_bad(document->reader, "bad-accessor", "accessors[%u] has elements of %zu bytes in a view with a stride of %llu", index,
-                          element, (unsigned long long)stride);
+    return lod_reader_bad(document->reader, "bad-accessor", "accessors[%u] has elements of %zu bytes in a view with a stride of %llu",
+                          index, element, (unsigned long long)stride);
   if (count > 0 && (offset > size || size - offset < element || (count - 1) > (size - offset - element) / stride))
     return lod_reader_bad(document->reader, "truncated", "accessors[%u] needs %llu elements, more than bufferViews[%d] holds", index,
                           (unsigned long long)count, view);
@@ -206,16 +209,16 @@ static void copy_floats(const struct lod_gltf_accessor *accessor, const struct e
       out[i * n + k] = to_float(load(from->bytes + i * from->stride + k * size, accessor->component), accessor->component, normalized);
 }
 
-static enum lod_status apply_sparse(struct lod_gltf_document *document, uint32_t index, const struct lod_gltf_accessor *accessor, bool normalized,
-                                    float *out) {
+static enum lod_status apply_sparse(struct lod_gltf_document *document, uint32_t index, const struct lod_gltf_accessor *accessor,
+                                    bool normalized, float *out) {
   struct elements indices, values;
   size_t size = component_size(accessor->component), n = (size_t)accessor->components;
   int32_t type = accessor->sparse_index_component;
   if (accessor->sparse_count > accessor->count || (type != LOD_GLTF_UBYTE && type != LOD_GLTF_USHORT && type != LOD_GLTF_UINT))
-    return lod_reader_bad(document->reader, "bad-accessor", "accessors[%u].sparse has more elements than the accessor, or indices of a wrong type",
-                          index);
-  LOD_TRY(find_elements(document, index, accessor->sparse_index_view, accessor->sparse_index_offset, accessor->sparse_count, component_size(type),
-                        true, &indices));
+    return lod_reader_bad(document->reader, "bad-accessor",
+                          "accessors[%u].sparse has more elements than the accessor, or indices of a wrong type", index);
+  LOD_TRY(find_elements(document, index, accessor->sparse_index_view, accessor->sparse_index_offset, accessor->sparse_count,
+                        component_size(type), true, &indices));
   LOD_TRY(find_elements(document, index, accessor->sparse_value_view, accessor->sparse_value_offset, accessor->sparse_count, size * n, true,
                         &values));
   for (uint64_t i = 0; i < accessor->sparse_count; i++) {
@@ -248,7 +251,8 @@ enum lod_status lod_gltf_check_fits(struct lod_gltf_document *document, uint32_t
   return find_elements(document, index, accessor->view, accessor->offset, accessor->count, element, false, &from);
 }
 
-enum lod_status lod_gltf_read_floats(struct lod_gltf_document *document, uint32_t index, int components, bool as_normalized, float **values) {
+enum lod_status lod_gltf_read_floats(struct lod_gltf_document *document, uint32_t index, int components, bool as_normalized,
+                                     float **values) {
   const struct lod_gltf_accessor *accessor = &document->gltf.accessors[index];
   struct lod_reader *reader = document->reader;
   struct elements from = {0};
@@ -272,7 +276,8 @@ static enum lod_status apply_sparse_integers(struct lod_gltf_document *document,
   LOD_TRY(lod_gltf_read_floats(document, index, accessor->components, false, &replaced));
   for (uint64_t i = 0; i < accessor->count * (uint64_t)accessor->components; i++) {
     if (replaced[i] >= 0x1p24f)
-      return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "bad-accessor", "accessors[%u] is sparse and holds indices above 2^24", index);
+      return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "bad-accessor", "accessors[%u] is sparse and holds indices above 2^24",
+                             index);
     out[i] = (uint32_t)replaced[i];
   }
   return LOD_OK;

@@ -15,7 +15,7 @@ struct lod_gltf_bytes {
 
 struct lod_gltf_document {
   struct lod_reader *reader;
-  json_t *root; /* owned: lod_gltf_document_finish */
+  json_t *root;          /* owned: lod_gltf_document_finish */
   const uint8_t *binary; /* BIN chunk, or NULL */
   size_t binary_size;
   struct lod_gltf gltf;
@@ -47,13 +47,15 @@ LOD_WARN_UNUSED enum lod_status lod_gltf_view_bytes(struct lod_gltf_document *do
 /* That the bytes of an accessor exist ("truncated"); before its count is held against a limit, so that the better sentence wins. */
 LOD_WARN_UNUSED enum lod_status lod_gltf_check_fits(struct lod_gltf_document *document, uint32_t accessor);
 
-/* Values as floats, `components` each, scaled by glTF's rule where normalised (or where `as_normalized` says so whatever the accessor says).
- * The accessor must have `components` per element. *values in reader->scratch; the caller has counted accessor.count against a limit. */
-LOD_WARN_UNUSED enum lod_status lod_gltf_read_floats(struct lod_gltf_document *document, uint32_t accessor, int components, bool as_normalized,
-                                                     float **values);
+/* Values as floats, `components` each, scaled by glTF's rule where normalised (or where `as_normalized` says so whatever the accessor
+ * says). The accessor must have `components` per element. *values in reader->scratch; the caller has counted accessor.count against a
+ * limit. */
+LOD_WARN_UNUSED enum lod_status lod_gltf_read_floats(struct lod_gltf_document *document, uint32_t accessor, int components,
+                                                     bool as_normalized, float **values);
 
 /* Unsigned integers of 8, 16 or 32 bits, one component each (indices) or four (joints). */
-LOD_WARN_UNUSED enum lod_status lod_gltf_read_integers(struct lod_gltf_document *document, uint32_t accessor, int components, uint32_t **values);
+LOD_WARN_UNUSED enum lod_status lod_gltf_read_integers(struct lod_gltf_document *document, uint32_t accessor, int components,
+                                                       uint32_t **values);
 
 /* --- gltf_material.c --- */
 

@@ -38,7 +38,8 @@ static enum lod_status find_parents(struct import *import) {
 static enum lod_status find_worlds(struct import *import) {
   const struct lod_gltf *gltf = &import->document->gltf;
   struct lod_reader *reader = import->document->reader;
-  uint32_t *queue = LOD_NEW(reader->scratch, gltf->node_count, uint32_t), *depth = LOD_NEW_ZERO(reader->scratch, gltf->node_count, uint32_t);
+  uint32_t *queue = LOD_NEW(reader->scratch, gltf->node_count, uint32_t),
+           *depth = LOD_NEW_ZERO(reader->scratch, gltf->node_count, uint32_t);
   uint32_t count = 0;
   if (!queue || !depth)
     return lod_reader_memory(reader);
@@ -145,8 +146,9 @@ static void compose(const float *t, const float *q, const float *s, double m[16]
   for (int i = 0; length > 0 && i < 4; i++)
     r[i] = (double)q[i] / sqrt(length);
   double x = r[0], y = r[1], z = r[2], w = r[3];
-  const double rotation[9] = {1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w), 2 * (x * y - z * w), 1 - 2 * (x * x + z * z),
-                              2 * (y * z + x * w),     2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)};
+  const double rotation[9] = {1 - 2 * (y * y + z * z), 2 * (x * y + z * w),     2 * (x * z - y * w),
+                              2 * (x * y - z * w),     1 - 2 * (x * x + z * z), 2 * (y * z + x * w),
+                              2 * (x * z + y * w),     2 * (y * z - x * w),     1 - 2 * (x * x + y * y)};
   lod_matrix_identity(m);
   for (int column = 0; column < 3; column++) {
     for (int row = 0; row < 3; row++)
@@ -292,7 +294,8 @@ static enum lod_status add_skinned(struct import *import, uint32_t node) {
   if (!pieces)
     return lod_reader_memory(reader);
   LOD_TRY(joint_matrices(import, skin, &joints));
-  LOD_TRY(lod_gltf_read_mesh(import->document, import->materials, (uint32_t)from->mesh, (const double(*)[16])joints, skin->joint_count, pieces));
+  LOD_TRY(lod_gltf_read_mesh(import->document, import->materials, (uint32_t)from->mesh, (const double(*)[16])joints, skin->joint_count,
+                             pieces));
   lod_scene_warn(reader->scene, "Skins were applied once; the model is in its rest pose.");
   const char *name = gltf->meshes[from->mesh].name;
   return add_pieces(import, name[0] ? name : from->name, pieces, NULL, 0);

@@ -44,7 +44,8 @@ static enum lod_status keep_bytes(struct lod_reader *reader, const uint8_t **byt
   return *bytes ? LOD_OK : lod_reader_memory(reader);
 }
 
-static enum lod_status load_image(struct lod_gltf_document *document, struct lod_gltf_materials *materials, uint32_t number, uint32_t *image) {
+static enum lod_status load_image(struct lod_gltf_document *document, struct lod_gltf_materials *materials, uint32_t number,
+                                  uint32_t *image) {
   struct lod_reader *reader = document->reader;
   uint32_t *known = &materials->images[number];
   *image = *known;
@@ -75,7 +76,8 @@ static enum lod_status load_image(struct lod_gltf_document *document, struct lod
 }
 
 /* texture[.extensions[extension]].source as an image of the scene. */
-static enum lod_status load_source(struct lod_gltf_document *document, struct lod_gltf_materials *materials, const json_t *object, uint32_t *image) {
+static enum lod_status load_source(struct lod_gltf_document *document, struct lod_gltf_materials *materials, const json_t *object,
+                                   uint32_t *image) {
   int32_t source = -1;
   *image = LOD_NONE;
   if (!object)
@@ -84,7 +86,8 @@ static enum lod_status load_source(struct lod_gltf_document *document, struct lo
   return source < 0 ? LOD_OK : load_image(document, materials, (uint32_t)source, image);
 }
 
-static enum lod_status add_texture(struct lod_gltf_document *document, const json_t *object, uint32_t image, uint32_t fallback, uint32_t *texture) {
+static enum lod_status add_texture(struct lod_gltf_document *document, const json_t *object, uint32_t image, uint32_t fallback,
+                                   uint32_t *texture) {
   const json_t *sampler = json_object_get(object, "sampler");
   char *text = NULL;
   if (sampler) {
@@ -98,7 +101,8 @@ static enum lod_status add_texture(struct lod_gltf_document *document, const jso
   return *texture == LOD_NONE ? lod_reader_memory(document->reader) : LOD_OK;
 }
 
-static enum lod_status load_texture(struct lod_gltf_document *document, struct lod_gltf_materials *materials, uint32_t number, uint32_t *texture) {
+static enum lod_status load_texture(struct lod_gltf_document *document, struct lod_gltf_materials *materials, uint32_t number,
+                                    uint32_t *texture) {
   uint32_t *known = &materials->textures[number];
   *texture = *known;
   if (*known != kUnseen)
@@ -123,7 +127,8 @@ static bool ends_with(const char *text, const char *ending) {
 }
 
 /* Exchanges or removes one reference; *keep tells which. */
-static enum lod_status remap_reference(struct lod_gltf_document *document, struct lod_gltf_materials *materials, json_t *reference, bool *keep) {
+static enum lod_status remap_reference(struct lod_gltf_document *document, struct lod_gltf_materials *materials, json_t *reference,
+                                       bool *keep) {
   int32_t number = -1;
   uint32_t texture;
   LOD_TRY(lod_gltf_index(document, reference, "material texture", "index", materials->texture_count, &number));
@@ -156,7 +161,8 @@ static enum lod_status remap_textures(struct lod_gltf_document *document, struct
   return LOD_OK;
 }
 
-enum lod_status lod_gltf_material(struct lod_gltf_document *document, struct lod_gltf_materials *materials, int32_t number, uint32_t *material) {
+enum lod_status lod_gltf_material(struct lod_gltf_document *document, struct lod_gltf_materials *materials, int32_t number,
+                                  uint32_t *material) {
   *material = LOD_NONE;
   if (number < 0)
     return LOD_OK;

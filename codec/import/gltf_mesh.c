@@ -24,8 +24,8 @@ struct skin {
 struct source {
   struct lod_gltf_document *document;
   const struct lod_gltf_primitive *primitive;
-  uint32_t mesh_number, number;  /* for sentences */
-  const json_t *draco_names;     /* attribute name -> id; NULL = no Draco */
+  uint32_t mesh_number, number; /* for sentences */
+  const json_t *draco_names;    /* attribute name -> id; NULL = no Draco */
   struct lod_draco_mesh draco;
 };
 
@@ -66,7 +66,8 @@ static enum lod_status open_draco(struct source *source) {
     lod_scene_warn(reader->scene, "A Draco-compressed primitive could not be decoded; its uncompressed copy was used.");
     return LOD_OK;
   }
-  return lod_reader_fail(reader, status, problem.type, "meshes[%u].primitives[%u]: %s", source->mesh_number, source->number, problem.detail);
+  return lod_reader_fail(reader, status, problem.type, "meshes[%u].primitives[%u]: %s", source->mesh_number, source->number,
+                         problem.detail);
 }
 
 /* An attribute's values, `components` floats a vertex, from Draco where it has them, else from the accessor. */
@@ -106,7 +107,8 @@ static enum lod_status read_positions(struct source *source, struct decoded *out
   out->mesh.vertex_count = (uint32_t)count;
   LOD_TRY(read_attribute(source, "POSITION", source->primitive->position, 3, false, out->mesh.vertex_count, &positions));
   out->mesh.positions = (float(*)[3])(void *)positions;
-  /* Integers over 127, 255, ... are at most 1: half a unit in the last place of a float below 1, three axes, and a little for the division. */
+  /* Integers over 127, 255, ... are at most 1: half a unit in the last place of a float below 1, three axes, and a little for the division.
+   */
   out->rounding = accessor->normalized && accessor->component != LOD_GLTF_FLOAT ? 1.74 * 0x1p-25 : 0;
   return LOD_OK;
 }
@@ -172,8 +174,8 @@ static enum lod_status read_influences(struct source *source, uint32_t vertex_co
 }
 
 /* The joints' matrices of one vertex blended by its weights, and the same with absolute values (for the bound on rounding). */
-static enum lod_status blend(struct source *source, const struct skin *skin, const struct influences *influences, uint32_t v, double matrix[16],
-                             double absolute[16]) {
+static enum lod_status blend(struct source *source, const struct skin *skin, const struct influences *influences, uint32_t v,
+                             double matrix[16], double absolute[16]) {
   double sum = 0;
   memset(matrix, 0, 16 * sizeof *matrix);
   memset(absolute, 0, 16 * sizeof *absolute);
@@ -265,7 +267,9 @@ static uint64_t element_count(int32_t mode, uint64_t indices) {
 }
 
 /* at(i): the i-th index of the primitive. */
-static uint32_t at(const uint32_t *indices, uint64_t i) { return indices ? indices[i] : (uint32_t)i; }
+static uint32_t at(const uint32_t *indices, uint64_t i) {
+  return indices ? indices[i] : (uint32_t)i;
+}
 
 static enum lod_status fill_triangles(struct source *source, struct lod_mesh *mesh, const uint32_t *indices, uint32_t count) {
   int32_t mode = source->primitive->mode;
@@ -339,8 +343,9 @@ static enum lod_status read_elements(struct source *source, struct decoded *out)
     LOD_TRY(lod_gltf_read_integers(document, (uint32_t)primitive->indices, 1, &indices));
   for (uint64_t i = 0; indexed && i < index_count; i++)
     if (indices[i] >= mesh->vertex_count)
-      return lod_reader_bad(document->reader, "index-out-of-range", "meshes[%u].primitives[%u]: index %llu is %u, but there are %u vertices",
-                            source->mesh_number, source->number, (unsigned long long)i, indices[i], mesh->vertex_count);
+      return lod_reader_bad(document->reader, "index-out-of-range",
+                            "meshes[%u].primitives[%u]: index %llu is %u, but there are %u vertices", source->mesh_number, source->number,
+                            (unsigned long long)i, indices[i], mesh->vertex_count);
   bool whole = primitive->mode == LOD_GLTF_TRIANGLES ? index_count % 3 == 0 : primitive->mode != LOD_GLTF_LINES || index_count % 2 == 0;
   if (!whole)
     lod_scene_warn(document->reader->scene, "A primitive has indices left over that make no whole triangle or line.");
@@ -443,7 +448,8 @@ static bool allocate_group(struct lod_mesh *mesh, uint32_t group, const uint64_t
          ALLOCATE(point_materials, sizes[3]);
 }
 
-static enum lod_status join_group(struct lod_reader *reader, struct decoded *all, uint32_t count, uint32_t group, struct lod_gltf_pieces *pieces) {
+static enum lod_status join_group(struct lod_reader *reader, struct decoded *all, uint32_t count, uint32_t group,
+                                  struct lod_gltf_pieces *pieces) {
   struct lod_mesh mesh = {0};
   uint64_t sizes[4] = {0};
   uint32_t first_vertex = 0;

@@ -10,7 +10,9 @@ static const uint32_t kGlbMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinaryCh
 
 /* --- container --- */
 
-static uint32_t load_u32(const uint8_t *p) { return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24; }
+static uint32_t load_u32(const uint8_t *p) {
+  return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
 
 struct chunk {
   uint32_t type;
@@ -113,7 +115,8 @@ static enum lod_status parse_json(struct lod_gltf_document *document, const uint
 /* --- members --- */
 
 enum kind { kIndex, kCount, kBool, kString, kNumbers, kIndices, kObject, kArray };
-static const char *const kKindNames[] = {"an index", "a whole number", "true or false", "a string", "numbers", "an array of indices", "an object", "an array"};
+static const char *const kKindNames[] = {"an index", "a whole number",      "true or false", "a string",
+                                         "numbers",  "an array of indices", "an object",     "an array"};
 
 /* What each object's members must be; `target` is the collection that an index points into, `length` that of an array of numbers. Members
  * with `pass` are what tinygltf gets to see. Members that are not listed are ignored. */
@@ -183,7 +186,7 @@ static const struct {
   const char *name;
   bool pass;
 } kCollections[] = {
-    {"scenes", true},   {"nodes", true},    {"meshes", true},    {"accessors", true}, {"bufferViews", true}, {"skins", true},
+    {"scenes", true},   {"nodes", true},   {"meshes", true},    {"accessors", true}, {"bufferViews", true}, {"skins", true},
     {"buffers", false}, {"images", false}, {"textures", false}, {"samplers", false}, {"materials", false},
 };
 
@@ -215,8 +218,8 @@ static bool is_numbers(const json_t *value, uint32_t length) {
 
 static enum lod_status bad_index(struct lod_gltf_document *document, const char *label, const char *key, uint64_t index, const char *target,
                                  uint32_t size) {
-  return lod_reader_bad(document->reader, "index-out-of-range", "%s.%s is %llu, but there are %u %s", label, key, (unsigned long long)index, size,
-                        target);
+  return lod_reader_bad(document->reader, "index-out-of-range", "%s.%s is %llu, but there are %u %s", label, key, (unsigned long long)index,
+                        size, target);
 }
 
 /* An array of indices, rewritten as integers into `clean`. */
@@ -237,7 +240,8 @@ static enum lod_status check_indices(struct lod_gltf_document *document, const c
 }
 
 /* Checks one member; *clean: a new reference to what tinygltf may see. */
-static enum lod_status check_member(struct lod_gltf_document *document, const char *label, const struct rule *rule, json_t *value, json_t **clean) {
+static enum lod_status check_member(struct lod_gltf_document *document, const char *label, const struct rule *rule, json_t *value,
+                                    json_t **clean) {
   uint64_t count = 0;
   bool right = false;
   switch (rule->kind) {
@@ -277,7 +281,8 @@ static enum lod_status check_member(struct lod_gltf_document *document, const ch
 }
 
 /* Checks an object against the rules of `owner` and puts what passes into `clean`. */
-static enum lod_status check_object(struct lod_gltf_document *document, const char *owner, const char *label, json_t *object, json_t *clean) {
+static enum lod_status check_object(struct lod_gltf_document *document, const char *owner, const char *label, json_t *object,
+                                    json_t *clean) {
   if (!json_is_object(object))
     return lod_reader_bad(document->reader, "bad-json", "%s is no object", label);
   for (size_t i = 0; i < sizeof kRules / sizeof *kRules; i++) {
@@ -300,8 +305,8 @@ static enum lod_status check_object(struct lod_gltf_document *document, const ch
 }
 
 /* Replaces clean[key] (a shared reference) by a checked copy of object[key]. */
-static enum lod_status check_nested(struct lod_gltf_document *document, const char *owner, const char *label, json_t *object, const char *key,
-                                    json_t *clean) {
+static enum lod_status check_nested(struct lod_gltf_document *document, const char *owner, const char *label, json_t *object,
+                                    const char *key, json_t *clean) {
   json_t *copy = json_object();
   if (!copy || json_object_set_new(clean, key, copy) != 0)
     return lod_reader_memory(document->reader);
@@ -426,20 +431,23 @@ static enum lod_status check_all(struct lod_gltf_document *document, json_t *cle
 
 static enum lod_status check_version(struct lod_gltf_document *document) {
   const json_t *asset = json_object_get(document->root, "asset");
-  const char *version = json_string_value(json_object_get(asset, "version")), *least = json_string_value(json_object_get(asset, "minVersion"));
+  const char *version = json_string_value(json_object_get(asset, "version")),
+             *least = json_string_value(json_object_get(asset, "minVersion"));
   if (!json_is_object(asset) || !version)
     return lod_reader_bad(document->reader, "bad-json", "asset.version is missing; expected \"2.0\"");
   if (strncmp(version, "2.", 2) != 0)
     return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-version", "glTF version %.20s; expected 2.0", version);
   if (least && strcmp(least, "2.0") != 0)
-    return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-version", "needs glTF version %.20s; this reader knows 2.0", least);
+    return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-version", "needs glTF version %.20s; this reader knows 2.0",
+                           least);
   return LOD_OK;
 }
 
 /* Extensions whose meaning is kept (a material's JSON goes out as it came in) or may be left out without changing the shape. */
 static const char *const kKnown[] = {
-    "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "EXT_mesh_gpu_instancing", "EXT_texture_webp",
-    "KHR_texture_basisu", "KHR_texture_transform", "KHR_materials_variants", "KHR_lights_punctual", "KHR_xmp_json_ld", "KHR_node_visibility",
+    "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",           "KHR_texture_basisu",      "KHR_texture_transform", "KHR_materials_variants",
+    "KHR_lights_punctual",        "KHR_xmp_json_ld",         "KHR_node_visibility",
 };
 
 static bool is_known(const char *name) {
@@ -456,8 +464,8 @@ static enum lod_status check_extensions(struct lod_gltf_document *document) {
     if (!name)
       return lod_reader_bad(document->reader, "bad-json", "extensionsRequired[%zu] is no string", i);
     if (!is_known(name))
-      return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-extension", "requires the extension %.80s, which is not supported",
-                             name);
+      return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-extension",
+                             "requires the extension %.80s, which is not supported", name);
   }
   for (size_t i = 0; i < json_array_size(used); i++) {
     const char *name = json_string_value(json_array_get(used, i));
@@ -466,7 +474,8 @@ static enum lod_status check_extensions(struct lod_gltf_document *document) {
     else if (name && strcmp(name, "KHR_lights_punctual") == 0)
       lod_scene_warn(document->reader->scene, "Lights were dropped.");
     else if (name && !is_known(name))
-      lod_scene_warn(document->reader->scene, "The extension %.80s is not supported and was dropped, unless it belongs to materials.", name);
+      lod_scene_warn(document->reader->scene, "The extension %.80s is not supported and was dropped, unless it belongs to materials.",
+                     name);
   }
   if (json_array_size(json_object_get(document->root, "animations")) > 0)
     lod_scene_warn(document->reader->scene, "Animations were dropped; the model is in its rest pose.");

@@ -5,10 +5,18 @@
 
 #include "codec/import/reader.h"
 
-static uint32_t big_u16(const uint8_t *p) { return (uint32_t)p[0] << 8 | p[1]; }
-static uint32_t big_u32(const uint8_t *p) { return big_u16(p) << 16 | big_u16(p + 2); }
-static uint32_t little_u24(const uint8_t *p) { return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16; }
-static uint32_t little_u32(const uint8_t *p) { return little_u24(p) | (uint32_t)p[3] << 24; }
+static uint32_t big_u16(const uint8_t *p) {
+  return (uint32_t)p[0] << 8 | p[1];
+}
+static uint32_t big_u32(const uint8_t *p) {
+  return big_u16(p) << 16 | big_u16(p + 2);
+}
+static uint32_t little_u24(const uint8_t *p) {
+  return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16;
+}
+static uint32_t little_u32(const uint8_t *p) {
+  return little_u24(p) | (uint32_t)p[3] << 24;
+}
 
 static bool read_png(const uint8_t *b, size_t size, struct lod_image *image) {
   if (size < 33 || memcmp(b, "\x89PNG\r\n\x1A\n", 8) != 0 || memcmp(b + 12, "IHDR", 4) != 0)
@@ -84,16 +92,16 @@ enum lod_status lod_reader_add_image(struct lod_reader *reader, const char *name
   if (size > reader->limits.max_texture_bytes)
     return lod_reader_fail(reader, LOD_LIMIT, "limit-texture-bytes", "texture '%.80s' has %zu bytes, the limit is %llu", image.name, size,
                            (unsigned long long)reader->limits.max_texture_bytes);
-  bool known = read_png(bytes, size, &image) || read_jpeg(bytes, size, &image) || read_webp(bytes, size, &image) ||
-               read_ktx2(bytes, size, &image);
+  bool known =
+      read_png(bytes, size, &image) || read_jpeg(bytes, size, &image) || read_webp(bytes, size, &image) || read_ktx2(bytes, size, &image);
   if (!known || image.width == 0 || image.height == 0) {
     lod_scene_warn(reader->scene, "Texture '%.80s' is not a readable PNG, JPEG, WebP or KTX2 picture and was dropped.", image.name);
     return LOD_OK;
   }
   uint32_t limit = reader->limits.max_texture_pixels;
   if (image.width > limit || image.height > limit)
-    return lod_reader_fail(reader, LOD_LIMIT, "limit-texture-pixels", "texture '%.80s' is %u x %u pixels, the limit is %u each way", image.name,
-                           image.width, image.height, limit);
+    return lod_reader_fail(reader, LOD_LIMIT, "limit-texture-pixels", "texture '%.80s' is %u x %u pixels, the limit is %u each way",
+                           image.name, image.width, image.height, limit);
   *index = lod_scene_add_image(reader->scene, &image);
   return *index == LOD_NONE ? lod_reader_memory(reader) : LOD_OK;
 }

@@ -51,7 +51,9 @@ enum lod_status lod_reader_fail(struct lod_reader *reader, enum lod_status statu
   return status;
 }
 
-enum lod_status lod_reader_memory(struct lod_reader *reader) { return lod_fail_memory(reader->problem); }
+enum lod_status lod_reader_memory(struct lod_reader *reader) {
+  return lod_fail_memory(reader->problem);
+}
 
 static enum lod_status add(struct lod_reader *reader, uint64_t *count, uint64_t more, uint64_t limit, const char *type, const char *what) {
   if (more > limit || *count > limit - more)
@@ -85,12 +87,8 @@ static const struct {
   const char *format;
   enum lod_status (*read)(struct lod_reader *reader);
 } kReaders[] = {
-    {"glb", lod_import_gltf},
-    {"gltf", lod_import_gltf},
-    {"ply", lod_import_ply},
-    {"stl", lod_import_stl},
-    {"m", lod_import_hoppe},
-    {"drc", lod_import_draco},
+    {"glb", lod_import_gltf}, {"gltf", lod_import_gltf}, {"ply", lod_import_ply},   {"stl", lod_import_stl},
+    {"m", lod_import_hoppe},  {"obj", lod_import_obj},   {"drc", lod_import_draco},
 };
 
 /* Curved patches are no triangles; the patch reader of the clod family is another module's entrance. */

@@ -29,7 +29,8 @@ struct lod_import_files {
   void *context; /* not owned */
 };
 
-/* Files beneath an open directory, never outside it (openat2 RESOLVE_BENEATH | RESOLVE_NO_SYMLINKS, or a checked walk where the kernel lacks it). */
+/* Files beneath an open directory, never outside it (openat2 RESOLVE_BENEATH | RESOLVE_NO_SYMLINKS, or a checked walk where the kernel
+ * lacks it). */
 struct lod_import_files lod_import_files_beneath(int *directory_fd);
 
 struct lod_import_request {

@@ -14,7 +14,9 @@ struct input {
   const uint8_t *at, *end;
 };
 
-static size_t left(const struct input *input) { return (size_t)(input->end - input->at); }
+static size_t left(const struct input *input) {
+  return (size_t)(input->end - input->at);
+}
 
 static enum lod_status fail(struct lod_problem *problem, const char *what) {
   return lod_fail(problem, LOD_BAD_INPUT, "bad-meshopt", "EXT_meshopt_compression: %s", what);
@@ -22,7 +24,9 @@ static enum lod_status fail(struct lod_problem *problem, const char *what) {
 
 /* --- mode 0: attributes --- */
 
-static uint8_t unzigzag(uint8_t v) { return (uint8_t)((v & 1) ? ~(v >> 1) : v >> 1); }
+static uint8_t unzigzag(uint8_t v) {
+  return (uint8_t)((v & 1) ? ~(v >> 1) : v >> 1);
+}
 
 /* 16 deltas in `bits` bits each (2 or 4), most significant first; all ones means that a whole byte follows behind the group. */
 static bool read_sentinel_group(struct input *input, int bits, uint8_t deltas[kGroup]) {
@@ -83,7 +87,8 @@ static bool read_data_block(struct input *input, uint8_t *out, size_t elements, 
   return true;
 }
 
-static enum lod_status decode_attributes(uint8_t *out, size_t count, size_t stride, const uint8_t *bytes, size_t size, struct lod_problem *problem) {
+static enum lod_status decode_attributes(uint8_t *out, size_t count, size_t stride, const uint8_t *bytes, size_t size,
+                                         struct lod_problem *problem) {
   size_t tail = stride < 32 ? 32 : stride;
   if (size < 1 + tail)
     return fail(problem, "an attribute stream is shorter than its header and tail");
@@ -121,7 +126,9 @@ static bool read_varint(struct input *input, uint32_t *value) {
   return false;
 }
 
-static uint32_t unzigzag32(uint32_t v) { return (v & 1) ? ~(v >> 1) : v >> 1; }
+static uint32_t unzigzag32(uint32_t v) {
+  return (v & 1) ? ~(v >> 1) : v >> 1;
+}
 
 static void store_index(uint8_t *out, size_t stride, uint32_t index) {
   out[0] = (uint8_t)index;
@@ -132,7 +139,8 @@ static void store_index(uint8_t *out, size_t stride, uint32_t index) {
   }
 }
 
-static enum lod_status decode_indices(uint8_t *out, size_t count, size_t stride, const uint8_t *bytes, size_t size, struct lod_problem *problem) {
+static enum lod_status decode_indices(uint8_t *out, size_t count, size_t stride, const uint8_t *bytes, size_t size,
+                                      struct lod_problem *problem) {
   const size_t tail = 4;
   if (size < 1 + tail)
     return fail(problem, "an index stream is shorter than its header and tail");
@@ -172,7 +180,9 @@ static void push_vertex(struct triangles *t, uint32_t v) {
 }
 
 /* 0 is the one pushed last. */
-static uint32_t recent_vertex(const struct triangles *t, unsigned back) { return t->vertices[(t->vertex_at - 1 - back) & 15]; }
+static uint32_t recent_vertex(const struct triangles *t, unsigned back) {
+  return t->vertices[(t->vertex_at - 1 - back) & 15];
+}
 
 static bool read_explicit(struct triangles *t, uint32_t *index) {
   uint32_t v;
@@ -249,7 +259,8 @@ static bool read_free_triangle(struct triangles *t, uint8_t code, uint32_t trian
   return true;
 }
 
-static enum lod_status decode_triangles(uint8_t *out, size_t count, size_t stride, const uint8_t *bytes, size_t size, struct lod_problem *problem) {
+static enum lod_status decode_triangles(uint8_t *out, size_t count, size_t stride, const uint8_t *bytes, size_t size,
+                                        struct lod_problem *problem) {
   const size_t tail = 16, codes = count / 3;
   if (size < 1 + tail || size - 1 - tail < codes)
     return fail(problem, "a triangle stream is shorter than its header, codes and tail");
@@ -278,7 +289,9 @@ static enum lod_status decode_triangles(uint8_t *out, size_t count, size_t strid
 
 /* --- filters --- */
 
-static int16_t load16(const uint8_t *p) { return (int16_t)(p[0] | p[1] << 8); }
+static int16_t load16(const uint8_t *p) {
+  return (int16_t)(p[0] | p[1] << 8);
+}
 
 static void store16(uint8_t *p, int32_t value) {
   p[0] = (uint8_t)value;

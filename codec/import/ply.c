@@ -24,26 +24,67 @@ static const struct {
   const char *name;
   enum type type;
 } kTypes[] = {
-    {"char", kInt8},   {"uchar", kUint8}, {"short", kInt16},  {"ushort", kUint16},  {"int", kInt32},      {"uint", kUint32},
-    {"int8", kInt8},   {"uint8", kUint8}, {"int16", kInt16},  {"uint16", kUint16},  {"int32", kInt32},    {"uint32", kUint32},
+    {"char", kInt8},     {"uchar", kUint8},    {"short", kInt16},     {"ushort", kUint16},   {"int", kInt32},   {"uint", kUint32},
+    {"int8", kInt8},     {"uint8", kUint8},    {"int16", kInt16},     {"uint16", kUint16},   {"int32", kInt32}, {"uint32", kUint32},
     {"float", kFloat32}, {"double", kFloat64}, {"float32", kFloat32}, {"float64", kFloat64},
 };
 
 /* What a property means. Vertex scalars, then face properties. */
 enum meaning {
-  kX, kY, kZ, kNormalX, kNormalY, kNormalZ, kU, kV, kRed, kGreen, kBlue, kAlpha, kScalarMeanings,
-  kIndices = kScalarMeanings, kTexcoord, kVertex1, kVertex2, kNoMeaning
+  kX,
+  kY,
+  kZ,
+  kNormalX,
+  kNormalY,
+  kNormalZ,
+  kU,
+  kV,
+  kRed,
+  kGreen,
+  kBlue,
+  kAlpha,
+  kScalarMeanings,
+  kIndices = kScalarMeanings,
+  kTexcoord,
+  kVertex1,
+  kVertex2,
+  kNoMeaning
 };
 static const struct {
   const char *name;
   enum meaning meaning;
 } kMeanings[] = {
-    {"x", kX}, {"y", kY}, {"z", kZ}, {"nx", kNormalX}, {"ny", kNormalY}, {"nz", kNormalZ},
-    {"s", kU}, {"u", kU}, {"texture_u", kU}, {"texture_s", kU}, {"t", kV}, {"v", kV}, {"texture_v", kV}, {"texture_t", kV},
-    {"red", kRed}, {"green", kGreen}, {"blue", kBlue}, {"alpha", kAlpha}, {"r", kRed}, {"g", kGreen}, {"b", kBlue}, {"a", kAlpha},
-    {"diffuse_red", kRed}, {"diffuse_green", kGreen}, {"diffuse_blue", kBlue}, {"diffuse_alpha", kAlpha},
-    {"vertex_indices", kIndices}, {"vertex_index", kIndices}, {"texcoord", kTexcoord},
-    {"vertex1", kVertex1}, {"vertex2", kVertex2},
+    {"x", kX},
+    {"y", kY},
+    {"z", kZ},
+    {"nx", kNormalX},
+    {"ny", kNormalY},
+    {"nz", kNormalZ},
+    {"s", kU},
+    {"u", kU},
+    {"texture_u", kU},
+    {"texture_s", kU},
+    {"t", kV},
+    {"v", kV},
+    {"texture_v", kV},
+    {"texture_t", kV},
+    {"red", kRed},
+    {"green", kGreen},
+    {"blue", kBlue},
+    {"alpha", kAlpha},
+    {"r", kRed},
+    {"g", kGreen},
+    {"b", kBlue},
+    {"a", kAlpha},
+    {"diffuse_red", kRed},
+    {"diffuse_green", kGreen},
+    {"diffuse_blue", kBlue},
+    {"diffuse_alpha", kAlpha},
+    {"vertex_indices", kIndices},
+    {"vertex_index", kIndices},
+    {"texcoord", kTexcoord},
+    {"vertex1", kVertex1},
+    {"vertex2", kVertex2},
 };
 
 struct property {
@@ -73,12 +114,12 @@ struct ply {
   bool have_vertices;
   double rounding;
   struct lod_polygons polygons;
-  uint32_t polygon_capacity;     /* of the two arrays below */
-  float (*face_colors)[4];       /* a row per polygon kept, or NULL */
-  float (*corner_uvs)[2];        /* a row per corner kept, or NULL */
+  uint32_t polygon_capacity; /* of the two arrays below */
+  float (*face_colors)[4];   /* a row per polygon kept, or NULL */
+  float (*corner_uvs)[2];    /* a row per corner kept, or NULL */
   uint32_t corner_uv_capacity;
-  struct lod_polygons strips;    /* triangles of tristrips */
-  uint32_t *row;                 /* scratch for one list */
+  struct lod_polygons strips; /* triangles of tristrips */
+  uint32_t *row;              /* scratch for one list */
   uint32_t row_capacity;
 };
 
@@ -214,7 +255,9 @@ static enum lod_status read_header(struct ply *ply) {
 
 /* --- values --- */
 
-static uint16_t load16(const uint8_t *p, bool big) { return (uint16_t)(big ? p[0] << 8 | p[1] : p[1] << 8 | p[0]); }
+static uint16_t load16(const uint8_t *p, bool big) {
+  return (uint16_t)(big ? p[0] << 8 | p[1] : p[1] << 8 | p[0]);
+}
 static uint32_t load32(const uint8_t *p, bool big) {
   return big ? (uint32_t)load16(p, true) << 16 | load16(p + 2, true) : (uint32_t)load16(p + 2, false) << 16 | load16(p, false);
 }
@@ -261,7 +304,8 @@ static enum lod_status next_value(struct ply *ply, const struct element *element
     if (at == end)
       return truncated(ply, element, row);
     if (!lod_number_read(&at, end, value))
-      return lod_reader_bad(ply->reader, "bad-number", "row %llu of '%s' holds something that is no number", (unsigned long long)row, element->name);
+      return lod_reader_bad(ply->reader, "bad-number", "row %llu of '%s' holds something that is no number", (unsigned long long)row,
+                            element->name);
     ply->at = (const uint8_t *)at;
     return LOD_OK;
   }
@@ -273,12 +317,14 @@ static enum lod_status next_value(struct ply *ply, const struct element *element
 }
 
 /* A list's length: at most what the bytes that are left can hold. */
-static enum lod_status next_count(struct ply *ply, const struct element *element, uint64_t row, const struct property *property, uint32_t *count) {
+static enum lod_status next_count(struct ply *ply, const struct element *element, uint64_t row, const struct property *property,
+                                  uint32_t *count) {
   double value = 0;
   LOD_TRY(next_value(ply, element, row, property->count_type, &value));
   size_t least = ply->encoding == kAscii ? 1 : kSizes[property->type];
   if (!(value >= 0) || value != floor(value) || value > 4e9)
-    return lod_reader_bad(ply->reader, "bad-number", "row %llu of '%s' has a list of %g values", (unsigned long long)row, element->name, value);
+    return lod_reader_bad(ply->reader, "bad-number", "row %llu of '%s' has a list of %g values", (unsigned long long)row, element->name,
+                          value);
   if ((uint64_t)value > (uint64_t)(ply->end - ply->at) / least)
     return truncated(ply, element, row);
   *count = (uint32_t)value;
@@ -354,7 +400,8 @@ static enum lod_status allocate_vertices(struct ply *ply, const struct element *
   return LOD_OK;
 }
 
-/* How far storing `value` as a float moves it, parsing of decimals included. Text of a property declared float says which float it means. */
+/* How far storing `value` as a float moves it, parsing of decimals included. Text of a property declared float says which float it means.
+ */
 static double rounding_of(const struct ply *ply, double value, enum type type) {
   if (type == kFloat32)
     return 0;
@@ -441,7 +488,8 @@ static enum lod_status read_vertices(struct ply *ply, const struct element *elem
 
 static enum lod_status to_index(struct ply *ply, const struct element *element, uint64_t row, double value, uint32_t *index) {
   if (!(value >= 0) || value >= 4294967295.0 || value != floor(value))
-    return lod_reader_bad(ply->reader, "index-out-of-range", "row %llu of '%s' refers to vertex %g", (unsigned long long)row, element->name, value);
+    return lod_reader_bad(ply->reader, "index-out-of-range", "row %llu of '%s' refers to vertex %g", (unsigned long long)row, element->name,
+                          value);
   *index = (uint32_t)value;
   return LOD_OK;
 }

@@ -65,7 +65,8 @@ enum lod_status lod_polygons_end(struct lod_polygons *polygons, struct lod_reade
   polygons->polygon_count++;
   if (polygons->starts) {
     if ((uint64_t)polygons->polygon_count + 1 > polygons->polygon_capacity) {
-      uint32_t *starts = grow(reader, polygons->starts, polygons->polygon_count, (uint64_t)polygons->polygon_count + 1, &polygons->polygon_capacity);
+      uint32_t *starts =
+          grow(reader, polygons->starts, polygons->polygon_count, (uint64_t)polygons->polygon_count + 1, &polygons->polygon_capacity);
       if (!starts)
         return LOD_LIMIT;
       polygons->starts = starts;
@@ -78,7 +79,8 @@ enum lod_status lod_polygons_end(struct lod_polygons *polygons, struct lod_reade
 static enum lod_status check_indices(const struct lod_polygons *polygons, struct lod_reader *reader, uint32_t vertex_count) {
   for (uint32_t i = 0; i < polygons->corner_count; i++)
     if (polygons->corners[i] >= vertex_count)
-      return lod_reader_bad(reader, "index-out-of-range", "a face uses vertex %u, but there are %u vertices", polygons->corners[i], vertex_count);
+      return lod_reader_bad(reader, "index-out-of-range", "a face uses vertex %u, but there are %u vertices", polygons->corners[i],
+                            vertex_count);
   return LOD_OK;
 }
 
@@ -100,7 +102,8 @@ static enum lod_status triangulate_all(const struct lod_polygons *polygons, stru
     const uint32_t *corners = polygons->corners + first;
     if (count > 3 && !corners_are_finite(positions, corners, count))
       return lod_reader_bad(reader, "non-finite", "a vertex of face %u is not a finite number", p);
-    if (lod_triangulate_polygon((const float(*)[3])positions, corners, &count, 1, reader->scratch, result->corners + done, &flags) != LOD_OK)
+    if (lod_triangulate_polygon((const float(*)[3])positions, corners, &count, 1, reader->scratch, result->corners + done, &flags) !=
+        LOD_OK)
       return lod_reader_memory(reader);
     crossed += (flags & LOD_TRIANGULATE_CROSSED) != 0;
     for (uint32_t t = done; t < done + count - 2; t++) {
@@ -119,8 +122,8 @@ static enum lod_status triangulate_all(const struct lod_polygons *polygons, stru
   return LOD_OK;
 }
 
-enum lod_status lod_polygons_triangulate(struct lod_polygons *polygons, struct lod_reader *reader, float (*positions)[3], uint32_t vertex_count,
-                                         bool want_corners, struct lod_polygon_triangles *result) {
+enum lod_status lod_polygons_triangulate(struct lod_polygons *polygons, struct lod_reader *reader, float (*positions)[3],
+                                         uint32_t vertex_count, bool want_corners, struct lod_polygon_triangles *result) {
   *result = (struct lod_polygon_triangles){0};
   LOD_TRY(check_indices(polygons, reader, vertex_count));
   uint32_t count = polygons->corner_count - 2 * polygons->polygon_count;

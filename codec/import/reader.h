@@ -32,11 +32,12 @@ enum lod_status lod_import_ply(struct lod_reader *reader);
 enum lod_status lod_import_stl(struct lod_reader *reader);
 enum lod_status lod_import_hoppe(struct lod_reader *reader);
 enum lod_status lod_import_draco(struct lod_reader *reader);
+enum lod_status lod_import_obj(struct lod_reader *reader);
 enum lod_status lod_import_assimp(struct lod_reader *reader);
 
 /* lod_fail with "NAME: " in front of the sentence. */
 __attribute__((format(printf, 4, 5))) enum lod_status lod_reader_fail(struct lod_reader *reader, enum lod_status status, const char *type,
-                                                                     const char *format, ...);
+                                                                      const char *format, ...);
 #define lod_reader_bad(reader, type, ...) lod_reader_fail(reader, LOD_BAD_INPUT, type, __VA_ARGS__)
 enum lod_status lod_reader_memory(struct lod_reader *reader);
 
@@ -49,8 +50,8 @@ LOD_WARN_UNUSED enum lod_status lod_reader_add_bytes(struct lod_reader *reader, 
 /* LOD_CANCELLED when the caller asked to stop. */
 LOD_WARN_UNUSED enum lod_status lod_reader_progress(struct lod_reader *reader, double fraction);
 
-/* The bytes (in `arena`) behind a URI as it stands in the file (percent-encoded): a data URI (base64 or percent-encoded text), or a file through
- * reader->files. Anything else is refused as "unsafe-uri": other schemes, absolute paths, "..", backslashes, control characters. */
+/* The bytes (in `arena`) behind a URI as it stands in the file (percent-encoded): a data URI (base64 or percent-encoded text), or a file
+ * through reader->files. Anything else is refused as "unsafe-uri": other schemes, absolute paths, "..", backslashes, control characters. */
 LOD_WARN_UNUSED enum lod_status lod_reader_open_uri(struct lod_reader *reader, const char *uri, struct lod_arena *arena,
                                                     const uint8_t **bytes, size_t *size);
 
@@ -65,6 +66,11 @@ LOD_WARN_UNUSED enum lod_status lod_reader_open_path(struct lod_reader *reader, 
  * NULL. Unsafe names and limits stay errors. */
 LOD_WARN_UNUSED enum lod_status lod_reader_open_optional(struct lod_reader *reader, const char *name, bool is_uri, struct lod_arena *arena,
                                                          const uint8_t **bytes, size_t *size);
+
+/* A file beside the model for formats (OBJ, FBX, ...) that name files with absolute paths of the machine they were made on: a name that is
+ * not safe is cut to its last part and looked for beside the model. A missing file is a warning and *bytes NULL. */
+LOD_WARN_UNUSED enum lod_status lod_reader_open_companion(struct lod_reader *reader, const char *path, struct lod_arena *arena,
+                                                          const uint8_t **bytes, size_t *size);
 
 /* Adds the encoded picture to the scene after checking its header against the limits. A picture that is no PNG, JPEG, WebP or KTX2 gives
  * a warning and LOD_NONE. name may be NULL; bytes must outlive the model or lie in reader->arena. */

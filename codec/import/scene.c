@@ -113,15 +113,17 @@ enum lod_status lod_scene_share_index(struct lod_mesh *mesh, struct lod_arena *a
   return LOD_OK;
 }
 
-static bool is_finite3(const float p[3]) { return isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]); }
+static bool is_finite3(const float p[3]) {
+  return isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]);
+}
 
 static enum lod_status check_indices(const struct lod_scene_part *part, const char *file, struct lod_problem *problem) {
   const struct lod_mesh *mesh = &part->mesh;
   for (uint32_t t = 0; t < mesh->triangle_count; t++)
     for (int k = 0; k < 3; k++)
       if (mesh->triangles[t][k] >= mesh->vertex_count)
-        return lod_fail(problem, LOD_BAD_INPUT, "index-out-of-range", "%.120s: triangle %u of '%.60s' uses vertex %u, but there are %u", file, t,
-                        part->name ? part->name : "", mesh->triangles[t][k], mesh->vertex_count);
+        return lod_fail(problem, LOD_BAD_INPUT, "index-out-of-range", "%.120s: triangle %u of '%.60s' uses vertex %u, but there are %u",
+                        file, t, part->name ? part->name : "", mesh->triangles[t][k], mesh->vertex_count);
   for (uint32_t e = 0; e < mesh->edge_count; e++)
     for (int k = 0; k < 2; k++)
       if (mesh->edges[e][k] >= mesh->vertex_count)
@@ -129,8 +131,8 @@ static enum lod_status check_indices(const struct lod_scene_part *part, const ch
                         mesh->edges[e][k], mesh->vertex_count);
   for (uint32_t i = 0; i < mesh->point_count; i++)
     if (mesh->points[i] >= mesh->vertex_count)
-      return lod_fail(problem, LOD_BAD_INPUT, "index-out-of-range", "%.120s: point %u uses vertex %u, but there are %u", file, i, mesh->points[i],
-                      mesh->vertex_count);
+      return lod_fail(problem, LOD_BAD_INPUT, "index-out-of-range", "%.120s: point %u uses vertex %u, but there are %u", file, i,
+                      mesh->points[i], mesh->vertex_count);
   return LOD_OK;
 }
 
@@ -311,8 +313,8 @@ static enum lod_status transform_positions(struct join *join, const struct lod_s
       squared += off * off;
     }
     if (!is_finite3(out[v]))
-      return lod_fail(join->problem, LOD_BAD_INPUT, "non-finite", "%.120s: a transform of '%.60s' moves vertices out of the range of floats",
-                      join->file, part->name);
+      return lod_fail(join->problem, LOD_BAD_INPUT, "non-finite",
+                      "%.120s: a transform of '%.60s' moves vertices out of the range of floats", join->file, part->name);
     worst = fmax(worst, squared);
   }
   /* The sum of three squares and its root: a few roundings more. */
@@ -337,7 +339,8 @@ static void transform_normals(const struct lod_scene_part *part, float (*out)[3]
   struct lod_vec3 yz = lod_vec3_cross(y, z), zx = lod_vec3_cross(z, x), xy = lod_vec3_cross(x, y);
   double sign = determinant(m) < 0 ? -1 : 1;
   /* Scales far from 1 must not under- or overflow when squared. */
-  double size = fmax(fmax(fabs(yz.x) + fabs(yz.y) + fabs(yz.z), fabs(zx.x) + fabs(zx.y) + fabs(zx.z)), fabs(xy.x) + fabs(xy.y) + fabs(xy.z));
+  double size =
+      fmax(fmax(fabs(yz.x) + fabs(yz.y) + fabs(yz.z), fabs(zx.x) + fabs(zx.y) + fabs(zx.z)), fabs(xy.x) + fabs(xy.y) + fabs(xy.z));
   sign = size > 0 && isfinite(size) ? sign / size : 0;
   for (uint32_t w = 0; w < mesh->wedge_count; w++) {
     const float *n = mesh->normals[w];
@@ -352,7 +355,9 @@ static void transform_normals(const struct lod_scene_part *part, float (*out)[3]
 }
 
 /* Wedges that a part brings to a unit with attributes: its own, or one a vertex. */
-static uint32_t wedges_of(const struct lod_mesh *mesh) { return mesh->wedge_count ? mesh->wedge_count : mesh->vertex_count; }
+static uint32_t wedges_of(const struct lod_mesh *mesh) {
+  return mesh->wedge_count ? mesh->wedge_count : mesh->vertex_count;
+}
 
 static void fill_wedges(struct lod_mesh *joined, const struct lod_scene_part *part, uint32_t first_vertex, uint32_t first_wedge) {
   const struct lod_mesh *mesh = &part->mesh;
@@ -392,8 +397,8 @@ static void fill_triangles(struct lod_mesh *joined, const struct lod_scene_part 
   }
 }
 
-static void fill_rest(struct lod_mesh *joined, const struct lod_scene_part *part, uint32_t number, uint32_t first_vertex, uint32_t first_edge,
-                      uint32_t first_point) {
+static void fill_rest(struct lod_mesh *joined, const struct lod_scene_part *part, uint32_t number, uint32_t first_vertex,
+                      uint32_t first_edge, uint32_t first_point) {
   const struct lod_mesh *mesh = &part->mesh;
   for (uint32_t e = 0; e < mesh->edge_count; e++) {
     for (int k = 0; k < 2; k++)
@@ -447,7 +452,8 @@ static void keep_pointers(struct lod_mesh *shape, const struct lod_mesh *mesh) {
 }
 
 /* Joins the parts numbered in `numbers`. Counts fit: the reader's limits are far below 2^32. */
-static enum lod_status join_parts(struct lod_scene *scene, const uint32_t *numbers, uint32_t count, struct lod_arena *arena, struct join *join) {
+static enum lod_status join_parts(struct lod_scene *scene, const uint32_t *numbers, uint32_t count, struct lod_arena *arena,
+                                  struct join *join) {
   const struct lod_scene_part *parts = scene->parts.items;
   struct lod_mesh shape = {0};
   struct lod_mesh *mesh = &join->mesh;
@@ -490,7 +496,8 @@ static enum lod_status join_parts(struct lod_scene *scene, const uint32_t *numbe
 }
 
 /* One unit from parts; a lone part that is alone in the model goes to the weld without a copy. */
-static enum lod_status build_unit(struct lod_scene *scene, const uint32_t *numbers, uint32_t count, struct join *join, struct lod_unit *unit) {
+static enum lod_status build_unit(struct lod_scene *scene, const uint32_t *numbers, uint32_t count, struct join *join,
+                                  struct lod_unit *unit) {
   const struct lod_scene_part *parts = scene->parts.items;
   const struct lod_scene_part *first = &parts[numbers[0]];
   struct lod_arena *arena = lod_arena_create_child(scene->scratch);
@@ -607,4 +614,6 @@ enum lod_status lod_scene_finish(struct lod_scene *scene, uint64_t source_vertic
   return LOD_OK;
 }
 
-float lod_linear_from_srgb(float value) { return value <= 0.04045f ? value / 12.92f : powf((value + 0.055f) / 1.055f, 2.4f); }
+float lod_linear_from_srgb(float value) {
+  return value <= 0.04045f ? value / 12.92f : powf((value + 0.055f) / 1.055f, 2.4f);
+}

@@ -49,9 +49,9 @@ static const char *ending(const char *name, char out[12]) {
 
 /* Endings that are passed on: to our readers and to assimp's importers that work from memory. */
 static const char *const kEndings[] = {
-    "glb", "gltf", "ply", "stl", "m",   "drc", "obj", "off", "fbx", "dae", "3mf",  "3ds", "x",   "ac",  "ms3d", "cob", "lwo", "lws", "dxf",
-    "nff", "smd",  "raw", "ifc", "xgl", "zgl", "b3d", "q3o", "q3s", "amf", "x3d",  "ase", "hmp", "mdl", "md2",  "md3", "md5mesh",
-    "iqm", "ndo",  "ogex", "blend", "sib", "ter", "mesh", "assbin", "bpt", "bez", "bv", "rib", "stp", "wrl", "zae",
+    "glb", "gltf",    "ply", "stl", "m",    "drc",   "obj", "off", "fbx",  "dae",    "3mf", "3ds", "x",   "ac",  "ms3d", "cob", "lwo",
+    "lws", "dxf",     "nff", "smd", "raw",  "ifc",   "xgl", "zgl", "b3d",  "q3o",    "q3s", "amf", "x3d", "ase", "hmp",  "mdl", "md2",
+    "md3", "md5mesh", "iqm", "ndo", "ogex", "blend", "sib", "ter", "mesh", "assbin", "bpt", "bez", "bv",  "rib", "stp",  "wrl", "zae",
 };
 
 static const char *known_ending(const char *name) {
@@ -64,7 +64,9 @@ static const char *known_ending(const char *name) {
   return NULL;
 }
 
-static bool is_binary_stl(struct view v) { return v.size >= 84 && 84 + 50 * (uint64_t)little_u32(v.bytes + 80) == v.size; }
+static bool is_binary_stl(struct view v) {
+  return v.size >= 84 && 84 + 50 * (uint64_t)little_u32(v.bytes + 80) == v.size;
+}
 
 static const char *sniff_binary(struct view v, const char *by_name) {
   if (starts_with(v, "glTF"))

@@ -1,7 +1,8 @@
 /* STL, binary and text. Facet normals say nothing that the corners do not, so they are left; corners become shared vertices by the weld.
  *
- * Binary: 80 bytes, a 32-bit count, 50 bytes a facet, all little-endian. Text: solid, facet, outer loop, vertex, endloop, endfacet, endsolid;
- * loops with more than three vertices exist and are triangulated. A file that starts with "solid" is text unless its size says binary. */
+ * Binary: 80 bytes, a 32-bit count, 50 bytes a facet, all little-endian. Text: solid, facet, outer loop, vertex, endloop, endfacet,
+ * endsolid; loops with more than three vertices exist and are triangulated. A file that starts with "solid" is text unless its size says
+ * binary. */
 #include <string.h>
 #include <strings.h>
 
@@ -11,7 +12,9 @@
 
 enum { kHeader = 84, kFacet = 50 };
 
-static uint32_t load_u32(const uint8_t *p) { return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24; }
+static uint32_t load_u32(const uint8_t *p) {
+  return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
 
 static float load_float(const uint8_t *p) {
   uint32_t bits = load_u32(p);
@@ -30,8 +33,8 @@ static enum lod_status read_binary(struct lod_reader *reader) {
     return lod_reader_bad(reader, "truncated", "a binary STL has at least 84 bytes, this file has %zu", reader->size);
   uint64_t count = load_u32(reader->bytes + 80), room = (reader->size - kHeader) / kFacet;
   if (count > room)
-    return lod_reader_bad(reader, "truncated", "the STL header promises %llu facets, but there are bytes for %llu", (unsigned long long)count,
-                          (unsigned long long)room);
+    return lod_reader_bad(reader, "truncated", "the STL header promises %llu facets, but there are bytes for %llu",
+                          (unsigned long long)count, (unsigned long long)room);
   if (reader->size - kHeader > count * kFacet)
     lod_scene_warn(reader->scene, "%llu bytes behind the last facet were ignored.",
                    (unsigned long long)(reader->size - kHeader - count * kFacet));
@@ -182,4 +185,6 @@ static bool is_text(const struct lod_reader *reader) {
   return memchr(reader->bytes, 0, reader->size < 512 ? reader->size : 512) == NULL;
 }
 
-enum lod_status lod_import_stl(struct lod_reader *reader) { return is_text(reader) ? read_text(reader) : read_binary(reader); }
+enum lod_status lod_import_stl(struct lod_reader *reader) {
+  return is_text(reader) ? read_text(reader) : read_binary(reader);
+}

@@ -116,12 +116,12 @@ static enum lod_status check_safe(struct lod_reader *reader, const char *path, s
   return lod_reader_bad(reader, "unsafe-uri", "refers to '%.200s'; only relative paths beneath the model's own folder are read", original);
 }
 
-static enum lod_status open_checked(struct lod_reader *reader, const char *path, size_t length, const char *original, struct lod_arena *arena,
-                                    const uint8_t **bytes, size_t *size) {
+static enum lod_status open_checked(struct lod_reader *reader, const char *path, size_t length, const char *original,
+                                    struct lod_arena *arena, const uint8_t **bytes, size_t *size) {
   LOD_TRY(check_safe(reader, path, length, original));
   if (!reader->files)
-    return lod_reader_bad(reader, "missing-file", "refers to '%.200s', but the model came without further files; expected a self-contained file",
-                          original);
+    return lod_reader_bad(reader, "missing-file",
+                          "refers to '%.200s', but the model came without further files; expected a self-contained file", original);
   struct lod_problem problem = {0};
   enum lod_status status = reader->files->read(reader->files->context, path, arena, bytes, size, &problem);
   if (status != LOD_OK)
@@ -129,7 +129,9 @@ static enum lod_status open_checked(struct lod_reader *reader, const char *path,
   return lod_reader_add_bytes(reader, *size);
 }
 
-static bool is_data(const char *uri) { return strncasecmp(uri, "data:", 5) == 0; }
+static bool is_data(const char *uri) {
+  return strncasecmp(uri, "data:", 5) == 0;
+}
 
 static enum lod_status decode_path(struct lod_reader *reader, const char *uri, char **path, size_t *length) {
   *path = lod_arena_copy(reader->scratch, uri, strlen(uri));
@@ -149,7 +151,8 @@ enum lod_status lod_reader_check_uri(struct lod_reader *reader, const char *uri)
   return check_safe(reader, path, length, uri);
 }
 
-enum lod_status lod_reader_open_uri(struct lod_reader *reader, const char *uri, struct lod_arena *arena, const uint8_t **bytes, size_t *size) {
+enum lod_status lod_reader_open_uri(struct lod_reader *reader, const char *uri, struct lod_arena *arena, const uint8_t **bytes,
+                                    size_t *size) {
   char *path = NULL;
   size_t length = 0;
   if (is_data(uri))
@@ -176,7 +179,8 @@ enum lod_status lod_reader_open_optional(struct lod_reader *reader, const char *
   struct lod_problem *outer = reader->problem, local = {0};
   reader->problem = &local;
   *bytes = NULL;
-  enum lod_status status = is_uri ? lod_reader_open_uri(reader, name, arena, bytes, size) : lod_reader_open_path(reader, name, arena, bytes, size);
+  enum lod_status status =
+      is_uri ? lod_reader_open_uri(reader, name, arena, bytes, size) : lod_reader_open_path(reader, name, arena, bytes, size);
   reader->problem = outer;
   if (status == LOD_OK)
     return LOD_OK;
@@ -187,4 +191,23 @@ enum lod_status lod_reader_open_optional(struct lod_reader *reader, const char *
     name += 2;
   lod_scene_warn(reader->scene, "'%.200s', which the model refers to, could not be read and was left out.", name);
   return LOD_OK;
+}
+
+enum lod_status lod_reader_open_companion(struct lod_reader *reader, const char *path, struct lod_arena *arena, const uint8_t **bytes,
+                                          size_t *size) {
+  struct lod_problem *outer = reader->problem, local = {0};
+  reader->problem = &local;
+  enum lod_status status = lod_reader_open_optional(reader, path, false, arena, bytes, size);
+  reader->problem = outer;
+  if (status == LOD_OK)
+    return LOD_OK;
+  if (strcmp(local.type, "unsafe-uri") != 0)
+    return lod_fail(outer, status, local.type, "%s", local.detail);
+  const char *last = path + strlen(path);
+  while (last > path && last[-1] != '/' && last[-1] != '\\' && last[-1] != ':')
+    last--;
+  *bytes = NULL;
+  if (*last == 0 || strcmp(last, "..") == 0 || strcmp(last, ".") == 0)
+    return LOD_OK;
+  return lod_reader_open_optional(reader, last, false, arena, bytes, size);
 }

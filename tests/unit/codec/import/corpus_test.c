@@ -92,10 +92,14 @@ static bool is_model(const char *path) {
 }
 
 /* The manifest counts all meshes of these files, we those of the default scene. */
-static bool counts_differ(const char *path) { return strstr(path, "MultipleScenes") || strstr(path, "town_model"); }
+static bool counts_differ(const char *path) {
+  return strstr(path, "MultipleScenes") || strstr(path, "town_model");
+}
 
 /* Vertices that no face uses count in the manifest and are gone after the weld. */
-static bool has_loose_vertices(const char *path) { return strstr(path, "bunny.ply") || strstr(path, "bun_zipper") || strstr(path, "dead-tree"); }
+static bool has_loose_vertices(const char *path) {
+  return strstr(path, "bunny.ply") || strstr(path, "bun_zipper") || strstr(path, "dead-tree");
+}
 
 static void check_row(char *columns[kColumns], bool *failed) {
   const char *path = columns[kPath];
@@ -111,11 +115,12 @@ static void check_row(char *columns[kColumns], bool *failed) {
     return;
   uint64_t triangles = strtoull(columns[kTriangles], NULL, 10), welded = strtoull(columns[kWelded], NULL, 10);
   bool gltf = has_ending(path, ".glb") || has_ending(path, ".gltf");
-  bool right = result.status == LOD_OK && (triangles == 0 || result.triangles == triangles) && (gltf || welded == 0 || result.welded == welded ||
-                                               (has_loose_vertices(path) && result.welded < welded));
+  bool right = result.status == LOD_OK && (triangles == 0 || result.triangles == triangles) &&
+               (gltf || welded == 0 || result.welded == welded || (has_loose_vertices(path) && result.welded < welded));
   if (!right) {
     print_error("%s: %s %s; %llu triangles for %llu, %llu vertices for %llu\n", path, lod_status_name(result.status), result.problem.detail,
-                (unsigned long long)result.triangles, (unsigned long long)triangles, (unsigned long long)result.welded, (unsigned long long)welded);
+                (unsigned long long)result.triangles, (unsigned long long)triangles, (unsigned long long)result.welded,
+                (unsigned long long)welded);
     *failed = true;
   }
 }

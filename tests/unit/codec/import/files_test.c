@@ -76,7 +76,8 @@ static void files_beneath_the_folder_are_read(void **state) {
 }
 
 static void nothing_above_the_folder_is_read(void **state) {
-  static const char *const kNames[] = {"../secret.txt", "sub/../../secret.txt", "link", "dirlink/secret.txt", "/etc/passwd", "sub", "fifo", "absent"};
+  static const char *const kNames[] = {"../secret.txt", "sub/../../secret.txt", "link", "dirlink/secret.txt", "/etc/passwd", "sub", "fifo",
+                                       "absent"};
   for (size_t i = 0; i < sizeof kNames / sizeof *kNames; i++)
     assert_int_equal(read_name(*state, kNames[i], NULL), LOD_BAD_INPUT);
 }

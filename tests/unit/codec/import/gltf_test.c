@@ -13,12 +13,12 @@ static const struct {
 
 #define ASSET "\"asset\":{\"version\":\"2.0\"}"
 #define BUFFER "\"buffers\":[{\"byteLength\":80}]"
-#define VIEWS                                                                                                  \
-  "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,\"byteLength\":8}," \
+#define VIEWS                                                                                                                              \
+  "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,\"byteLength\":8},"                                   \
   "{\"buffer\":0,\"byteOffset\":44,\"byteLength\":36}]"
-#define ACCESSORS                                                                                     \
-  "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},"          \
-  "{\"bufferView\":1,\"componentType\":5123,\"count\":3,\"type\":\"SCALAR\"},"                        \
+#define ACCESSORS                                                                                                                          \
+  "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},"                                                \
+  "{\"bufferView\":1,\"componentType\":5123,\"count\":3,\"type\":\"SCALAR\"},"                                                             \
   "{\"bufferView\":2,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]"
 #define DATA BUFFER "," VIEWS "," ACCESSORS
 #define MESH "\"meshes\":[{\"name\":\"tri\",\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}]"
@@ -26,10 +26,13 @@ static const struct {
 #define SCENE "\"scenes\":[{\"nodes\":[0]}],\"scene\":0"
 #define TRIANGLE "{" ASSET "," DATA "," MESH "," NODE "," SCENE "}"
 
-static struct test_import import_json(const char *json) { return test_import_glb(json, &kBin, sizeof kBin); }
+static struct test_import import_json(const char *json) {
+  return test_import_glb(json, &kBin, sizeof kBin);
+}
 
 static double signed_area(const struct lod_mesh *mesh, uint32_t t) {
-  const float *a = mesh->positions[mesh->triangles[t][0]], *b = mesh->positions[mesh->triangles[t][1]], *c = mesh->positions[mesh->triangles[t][2]];
+  const float *a = mesh->positions[mesh->triangles[t][0]], *b = mesh->positions[mesh->triangles[t][1]],
+              *c = mesh->positions[mesh->triangles[t][2]];
   return (double)((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2;
 }
 
@@ -83,8 +86,9 @@ static void a_node_moves_turns_and_scales_its_triangle(void **state) {
 
 static void a_mirrored_node_turns_triangles_over_and_keeps_normals_outside(void **state) {
   (void)state;
-  struct test_import i = import_json("{" ASSET "," DATA "," SCENE ",\"nodes\":[{\"mesh\":0,\"scale\":[-2,1,1]}],\"meshes\":[{\"primitives\":["
-                                     "{\"attributes\":{\"POSITION\":0,\"NORMAL\":2},\"indices\":1}]}]}");
+  struct test_import i =
+      import_json("{" ASSET "," DATA "," SCENE ",\"nodes\":[{\"mesh\":0,\"scale\":[-2,1,1]}],\"meshes\":[{\"primitives\":["
+                  "{\"attributes\":{\"POSITION\":0,\"NORMAL\":2},\"indices\":1}]}]}");
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   assert_true(signed_area(mesh, 0) == 1); /* seen from +z still counter-clockwise */
@@ -94,9 +98,10 @@ static void a_mirrored_node_turns_triangles_over_and_keeps_normals_outside(void 
 
 static void a_mesh_under_two_nodes_is_one_part_with_two_instances_in_a_unit_of_its_own(void **state) {
   (void)state;
-  struct test_import i = import_json("{" ASSET "," DATA ",\"scenes\":[{\"nodes\":[0,1,2]}],\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[1,3,1]},"
-                                     "{\"mesh\":1,\"translation\":[5,0,0]}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
-                                     "\"indices\":1}]},{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}");
+  struct test_import i =
+      import_json("{" ASSET "," DATA ",\"scenes\":[{\"nodes\":[0,1,2]}],\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[1,3,1]},"
+                  "{\"mesh\":1,\"translation\":[5,0,0]}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
+                  "\"indices\":1}]},{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}");
   test_expect_ok(&i);
   assert_int_equal(i.model.unit_count, 2);
   assert_int_equal(i.model.part_count, 2);
@@ -112,8 +117,9 @@ static void a_mesh_under_two_nodes_is_one_part_with_two_instances_in_a_unit_of_i
 
 static void gpu_instancing_multiplies_instances(void **state) {
   (void)state;
-  struct test_import i = import_json("{" ASSET "," DATA "," MESH "," SCENE ",\"extensionsUsed\":[\"EXT_mesh_gpu_instancing\"],\"nodes\":[{\"mesh\":0,"
-                                     "\"scale\":[2,2,2],\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":0}}}}]}");
+  struct test_import i =
+      import_json("{" ASSET "," DATA "," MESH "," SCENE ",\"extensionsUsed\":[\"EXT_mesh_gpu_instancing\"],\"nodes\":[{\"mesh\":0,"
+                  "\"scale\":[2,2,2],\"extensions\":{\"EXT_mesh_gpu_instancing\":{\"attributes\":{\"TRANSLATION\":0}}}}]}");
   test_expect_ok(&i);
   assert_int_equal(i.model.parts[0].instance_count, 3);
   assert_true(i.model.parts[0].instances[1][12] == 2 && i.model.parts[0].instances[2][13] == 2 && i.model.parts[0].instances[0][0] == 2);
@@ -126,8 +132,10 @@ static void strips_and_fans_unroll_and_lines_and_points_stay_free(void **state) 
   struct test_import i = test_import_glb(
       "{" ASSET ",\"buffers\":[{\"byteLength\":48}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48}],\"accessors\":[{\"bufferView\":0,"
       "\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}]," NODE "," SCENE ",\"meshes\":[{\"primitives\":["
-      "{\"attributes\":{\"POSITION\":0},\"mode\":5},{\"attributes\":{\"POSITION\":0},\"mode\":6},{\"attributes\":{\"POSITION\":0},\"mode\":0},"
-      "{\"attributes\":{\"POSITION\":0},\"mode\":1},{\"attributes\":{\"POSITION\":0},\"mode\":2},{\"attributes\":{\"POSITION\":0},\"mode\":3}]}]}",
+      "{\"attributes\":{\"POSITION\":0},\"mode\":5},{\"attributes\":{\"POSITION\":0},\"mode\":6},{\"attributes\":{\"POSITION\":0},\"mode\":"
+      "0},"
+      "{\"attributes\":{\"POSITION\":0},\"mode\":1},{\"attributes\":{\"POSITION\":0},\"mode\":2},{\"attributes\":{\"POSITION\":0},\"mode\":"
+      "3}]}]}",
       corners, sizeof corners);
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
@@ -142,11 +150,12 @@ static void strips_and_fans_unroll_and_lines_and_points_stay_free(void **state) 
 static void interleaved_quantised_positions_are_read_with_their_stride(void **state) {
   (void)state;
   static const int16_t rows[3][6] = {{0, 0, 0, 9, 9, 9}, {32767, 0, 0, 9, 9, 9}, {0, -32768, 16384, 9, 9, 9}};
-  struct test_import i = test_import_glb("{" ASSET ",\"extensionsRequired\":[\"KHR_mesh_quantization\"],\"buffers\":[{\"byteLength\":36}],"
-                                         "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36,\"byteStride\":12}],\"accessors\":[{\"bufferView\":0,"
-                                         "\"componentType\":5122,\"normalized\":true,\"count\":3,\"type\":\"VEC3\"}]," NODE "," SCENE
-                                         ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}",
-                                         rows, sizeof rows);
+  struct test_import i =
+      test_import_glb("{" ASSET ",\"extensionsRequired\":[\"KHR_mesh_quantization\"],\"buffers\":[{\"byteLength\":36}],"
+                      "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36,\"byteStride\":12}],\"accessors\":[{\"bufferView\":0,"
+                      "\"componentType\":5122,\"normalized\":true,\"count\":3,\"type\":\"VEC3\"}]," NODE "," SCENE
+                      ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}",
+                      rows, sizeof rows);
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   const float *c = mesh->positions[mesh->triangles[0][2]];
@@ -157,9 +166,10 @@ static void interleaved_quantised_positions_are_read_with_their_stride(void **st
 
 static void sparse_values_replace_zeros_where_there_is_no_view(void **state) {
   (void)state;
-  struct test_import i = import_json("{" ASSET "," BUFFER "," VIEWS "," NODE "," SCENE ",\"accessors\":[{\"componentType\":5126,\"count\":4,"
-                                     "\"type\":\"VEC3\",\"sparse\":{\"count\":3,\"indices\":{\"bufferView\":1,\"componentType\":5123},"
-                                     "\"values\":{\"bufferView\":0}}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":5}]}]}");
+  struct test_import i =
+      import_json("{" ASSET "," BUFFER "," VIEWS "," NODE "," SCENE ",\"accessors\":[{\"componentType\":5126,\"count\":4,"
+                  "\"type\":\"VEC3\",\"sparse\":{\"count\":3,\"indices\":{\"bufferView\":1,\"componentType\":5123},"
+                  "\"values\":{\"bufferView\":0}}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":5}]}]}");
   test_expect_ok(&i);
   assert_int_equal(i.model.source_vertices, 4);
   assert_true(i.model.units[0].mesh.vertex_count == 3 && signed_area(&i.model.units[0].mesh, 0) == 0.5);
@@ -189,7 +199,8 @@ static void a_skin_puts_the_triangle_where_its_joint_is_and_ignores_the_node(voi
            {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, -1, 1}}};
   struct test_import i = test_import_glb(
       "{" ASSET ",\"buffers\":[{\"byteLength\":224}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,"
-      "\"byteLength\":12},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":96,\"byteLength\":128}],\"accessors\":["
+      "\"byteLength\":12},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":96,\"byteLength\":128}],"
+      "\"accessors\":["
       "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":1,\"componentType\":5121,\"count\":3,"
       "\"type\":\"VEC4\"},{\"bufferView\":2,\"componentType\":5126,\"count\":3,\"type\":\"VEC4\"},{\"bufferView\":3,\"componentType\":5126,"
       "\"count\":2,\"type\":\"MAT4\"}],\"skins\":[{\"joints\":[1,2],\"inverseBindMatrices\":3}],\"scenes\":[{\"nodes\":[0,1]}],\"nodes\":["
@@ -240,12 +251,13 @@ static void draco_primitives_are_decompressed(void **state) {
   uint32_t points, count;
   assert_int_equal(lod_draco_encode(&request, arena, &bytes, &size, &points, &count, NULL), LOD_OK);
   char json[1024];
-  snprintf(json, sizeof json,
-           "{" ASSET ",\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"buffers\":[{\"byteLength\":%zu}],\"bufferViews\":["
-           "{\"buffer\":0,\"byteLength\":%zu}],\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},{\"componentType\":5125,"
-           "\"count\":6,\"type\":\"SCALAR\"}]," NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,"
-           "\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":0,\"attributes\":{\"POSITION\":0}}}}]}]}",
-           size, size);
+  snprintf(
+      json, sizeof json,
+      "{" ASSET ",\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"buffers\":[{\"byteLength\":%zu}],\"bufferViews\":["
+      "{\"buffer\":0,\"byteLength\":%zu}],\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},{\"componentType\":5125,"
+      "\"count\":6,\"type\":\"SCALAR\"}]," NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,"
+      "\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":0,\"attributes\":{\"POSITION\":0}}}}]}]}",
+      size, size);
   struct test_import i = test_import_glb(json, bytes, size);
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
@@ -256,19 +268,24 @@ static void draco_primitives_are_decompressed(void **state) {
   lod_arena_destroy(arena);
 }
 
-static const uint8_t kPng[] = {0x89, 'P', 'N', 'G', 13, 10, 26, 10, 0, 0, 0, 13, 'I', 'H', 'D', 'R', 0, 0, 0, 2, 0, 0, 0, 3, 8, 2, 0, 0, 0, 0, 0, 0, 0};
-static const uint8_t kWebp[] = {'R', 'I', 'F', 'F', 22, 0, 0, 0, 'W', 'E', 'B', 'P', 'V', 'P', '8', 'L', 9, 0, 0, 0, 0x2F, 3, 0x40, 1, 0, 0, 0, 0, 0, 0};
+static const uint8_t kPng[] = {0x89, 'P', 'N', 'G', 13, 10, 26, 10, 0, 0, 0, 13, 'I', 'H', 'D', 'R', 0,
+                               0,    0,   2,   0,   0,  0,  3,  8,  2, 0, 0, 0,  0,   0,   0,   0};
+static const uint8_t kWebp[] = {'R', 'I', 'F', 'F', 22, 0,    0, 0,    'W', 'E', 'B', 'P', 'V', 'P', '8',
+                                'L', 9,   0,   0,   0,  0x2F, 3, 0x40, 1,   0,   0,   0,   0,   0,   0};
 
 static void materials_keep_their_json_with_textures_renumbered(void **state) {
   (void)state;
   static const struct test_file files[] = {{"a b.png", kPng, sizeof kPng}, {"c.webp", kWebp, sizeof kWebp}};
   struct test_files source = {files, 2, ""};
   struct test_bytes glb = test_glb(
-      "{" ASSET "," DATA "," NODE "," SCENE ",\"extensionsUsed\":[\"EXT_texture_webp\"],\"images\":[{\"uri\":\"gone.png\"},{\"uri\":\"a%20b.png\"},"
+      "{" ASSET "," DATA "," NODE "," SCENE
+      ",\"extensionsUsed\":[\"EXT_texture_webp\"],\"images\":[{\"uri\":\"gone.png\"},{\"uri\":\"a%20b.png\"},"
       "{\"uri\":\"c.webp\"}],\"samplers\":[{\"wrapS\":33071}],\"textures\":[{\"source\":0},{\"source\":1},{\"source\":1,\"sampler\":0,"
       "\"extensions\":{\"EXT_texture_webp\":{\"source\":2}}}],\"materials\":[{\"name\":\"unused\"},{\"name\":\"red\",\"emissiveTexture\":"
-      "{\"index\":0},\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":2,\"extensions\":{\"KHR_texture_transform\":{\"offset\":[1,2]}}}},"
-      "\"extensions\":{\"KHR_materials_x\":{\"someTexture\":{\"index\":1}}}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
+      "{\"index\":0},\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":2,\"extensions\":{\"KHR_texture_transform\":{\"offset\":[1,"
+      "2]}}}},"
+      "\"extensions\":{\"KHR_materials_x\":{\"someTexture\":{\"index\":1}}}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}"
+      ","
       "\"indices\":1,\"material\":1}]}]}",
       &kBin, sizeof kBin);
   struct test_import i = test_import_with(glb.bytes, glb.size, "t.glb", &source, NULL);
@@ -299,15 +316,18 @@ static void buffers_come_from_data_uris_and_from_files(void **state) {
   (void)state;
   static const struct test_file files[] = {{"sub/tri.bin", &kBin, sizeof kBin}};
   struct test_files source = {files, 1, ""};
-  const char *json = "{" ASSET "," VIEWS "," ACCESSORS "," MESH "," NODE "," SCENE ",\"buffers\":[{\"byteLength\":80,\"uri\":\"sub/tri.bin\"}]}";
+  const char *json =
+      "{" ASSET "," VIEWS "," ACCESSORS "," MESH "," NODE "," SCENE ",\"buffers\":[{\"byteLength\":80,\"uri\":\"sub/tri.bin\"}]}";
   struct test_import i = test_import_with(json, strlen(json), "t.gltf", &source, NULL);
   test_expect_ok(&i);
   assert_string_equal(i.model.format, "gltf");
   test_import_end(&i);
   test_expect_problem(test_import_bytes(json, strlen(json), "t.gltf"), "missing-file");
-  json = "{" ASSET "," NODE "," SCENE ",\"buffers\":[{\"byteLength\":12,\"uri\":\"data:application/octet-stream;base64,AAAAAQAAAAAAAQAA\"}],"
-         "\"bufferViews\":[{\"buffer\":0,\"byteLength\":12}],\"accessors\":[{\"bufferView\":0,\"componentType\":5121,\"count\":4,\"type\":\"VEC3\"}],"
-         "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":5}]}]}";
+  json =
+      "{" ASSET "," NODE "," SCENE ",\"buffers\":[{\"byteLength\":12,\"uri\":\"data:application/octet-stream;base64,AAAAAQAAAAAAAQAA\"}],"
+      "\"bufferViews\":[{\"buffer\":0,\"byteLength\":12}],\"accessors\":[{\"bufferView\":0,\"componentType\":5121,\"count\":4,\"type\":"
+      "\"VEC3\"}],"
+      "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":5}]}]}";
   i = test_import_bytes(json, strlen(json), "t.gltf");
   test_expect_ok(&i);
   test_import_end(&i);
@@ -325,12 +345,14 @@ static void only_the_default_scene_is_imported(void **state) {
 
 static void names_outside_the_models_folder_are_refused(void **state) {
   (void)state;
-  static const char *const kUris[] = {"../up.bin",      "a/../../b.bin", "/etc/passwd",   "http://x/y.bin",      "file:///etc/passwd", "%2e%2e/up.bin",
-                                      "..%2fup.bin",    "a\\\\..\\\\b",  "C:/x.bin",      "a/%00/b",             "//host/x",           ""};
+  static const char *const kUris[] = {"../up.bin",          "a/../../b.bin", "/etc/passwd", "http://x/y.bin",
+                                      "file:///etc/passwd", "%2e%2e/up.bin", "..%2fup.bin", "a\\\\..\\\\b",
+                                      "C:/x.bin",           "a/%00/b",       "//host/x",    ""};
   for (size_t u = 0; u < sizeof kUris / sizeof *kUris; u++) {
     char json[1024];
     struct test_files source = {NULL, 0, "never asked"};
-    snprintf(json, sizeof json, "{" ASSET "," VIEWS "," ACCESSORS "," MESH "," NODE "," SCENE ",\"buffers\":[{\"byteLength\":80,\"uri\":\"%s\"}]}", kUris[u]);
+    snprintf(json, sizeof json,
+             "{" ASSET "," VIEWS "," ACCESSORS "," MESH "," NODE "," SCENE ",\"buffers\":[{\"byteLength\":80,\"uri\":\"%s\"}]}", kUris[u]);
     struct test_import i = test_import_with(json, strlen(json), "t.gltf", &source, NULL);
     assert_string_equal(source.asked, "never asked");
     test_expect_problem(i, "unsafe-uri");
@@ -352,16 +374,19 @@ static void broken_structure_gets_a_problem_of_its_kind(void **state) {
       {WITH(MESH "," SCENE ",\"nodes\":[{\"mesh\":0,\"children\":[0]}]"), "node-cycle"},
       {WITH(MESH "," SCENE ",\"nodes\":[{\"mesh\":0},{\"children\":[2]},{\"children\":[1]}]"), "node-cycle"},
       {WITH(MESH "," SCENE ",\"nodes\":[{\"mesh\":0,\"children\":[1,1]},{}]"), "node-cycle"},
-      {WITH(MESH "," SCENE ",\"nodes\":[{\"mesh\":0,\"scale\":[1e200,1,1],\"children\":[1]},{\"mesh\":0,\"scale\":[1e200,1,1]}]"), "non-finite"},
+      {WITH(MESH "," SCENE ",\"nodes\":[{\"mesh\":0,\"scale\":[1e200,1,1],\"children\":[1]},{\"mesh\":0,\"scale\":[1e200,1,1]}]"),
+       "non-finite"},
       {WITH(NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":1}}]}]"), "bad-accessor"},
       {WITH(NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":0}]}]"), "bad-accessor"},
       {WITH(NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":1}]}]"), "empty"},
       {WITH(NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":7}]}]"), "bad-json"},
       {WITH(NODE "," SCENE ",\"meshes\":[{\"primitives\":\"x\"}]"), "bad-json"},
       {"{" ASSET "," BUFFER ",\"bufferViews\":[{\"buffer\":0,\"byteOffset\":60,\"byteLength\":36}],\"accessors\":[{\"bufferView\":0,"
-       "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]," NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}",
+       "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]," NODE "," SCENE
+       ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}",
        "truncated"},
-      {"{" ASSET "," BUFFER "," VIEWS ",\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4000000000,\"type\":\"VEC3\"}]," NODE "," SCENE
+      {"{" ASSET "," BUFFER "," VIEWS
+       ",\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4000000000,\"type\":\"VEC3\"}]," NODE "," SCENE
        ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}",
        "truncated"},
       {"{" ASSET "," BUFFER "," VIEWS ",\"accessors\":[{\"componentType\":5126,\"count\":4000000000,\"type\":\"VEC3\"}]," NODE "," SCENE
@@ -403,10 +428,11 @@ static void textures_beyond_the_limits_are_refused(void **state) {
   static const struct test_file files[] = {{"a.png", kPng, sizeof kPng}};
   struct test_files source = {files, 1, ""};
   struct lod_import_limits limits = lod_import_limits_defaults();
-  struct test_bytes glb = test_glb("{" ASSET "," DATA "," NODE "," SCENE ",\"images\":[{\"uri\":\"a.png\"}],\"textures\":[{\"source\":0}],"
-                                   "\"materials\":[{\"normalTexture\":{\"index\":0}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
-                                   "\"material\":0}]}]}",
-                                   &kBin, sizeof kBin);
+  struct test_bytes glb =
+      test_glb("{" ASSET "," DATA "," NODE "," SCENE ",\"images\":[{\"uri\":\"a.png\"}],\"textures\":[{\"source\":0}],"
+               "\"materials\":[{\"normalTexture\":{\"index\":0}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},"
+               "\"material\":0}]}]}",
+               &kBin, sizeof kBin);
   limits.max_texture_pixels = 2;
   test_expect_problem(test_import_with(glb.bytes, glb.size, "t.glb", &source, &limits), "limit-texture-pixels");
   limits.max_texture_pixels = 3;

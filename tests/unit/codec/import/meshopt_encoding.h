@@ -4,7 +4,9 @@
 
 #include "tests/unit/codec/import/importing.h"
 
-static inline uint8_t test_zigzag(uint8_t v) { return (uint8_t)((v & 0x80) ? ~(v << 1) : v << 1); }
+static inline uint8_t test_zigzag(uint8_t v) {
+  return (uint8_t)((v & 0x80) ? ~(v << 1) : v << 1);
+}
 
 static inline void test_meshopt_group(struct test_bytes *stream, int encoding, const uint8_t deltas[16]) {
   if (encoding == 3)

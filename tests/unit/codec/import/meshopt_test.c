@@ -24,7 +24,8 @@ static void attributes_of_every_stride_and_encoding_come_back(void **state) {
         size_t size = kStrides[s] * kCounts[c];
         uint8_t *data = malloc(size), *out = malloc(size);
         for (size_t i = 0; i < size; i++) /* mostly small steps, some wild ones */
-          data[i] = (uint8_t)((i >= kStrides[s] ? data[i - kStrides[s]] : 7) + (lod_random_next(&seed) % 8 ? lod_random_next(&seed) % 3 : lod_random_next(&seed)));
+          data[i] = (uint8_t)((i >= kStrides[s] ? data[i - kStrides[s]] : 7) +
+                              (lod_random_next(&seed) % 8 ? lod_random_next(&seed) % 3 : lod_random_next(&seed)));
         struct test_bytes stream = test_meshopt_attributes(data, kCounts[c], kStrides[s], pick);
         assert_int_equal(decode(LOD_MESHOPT_ATTRIBUTES, LOD_MESHOPT_NONE, out, kCounts[c], kStrides[s], stream.bytes, stream.size), LOD_OK);
         assert_memory_equal(out, data, size);
@@ -55,8 +56,8 @@ static void the_specifications_example_decodes_to_its_deltas(void **state) {
 }
 
 /* next next next, then an edge with a new vertex, an old one, explicit ones. */
-static const uint8_t kTriangles[] = {0xE1, 0xF0, 0x10, 0x02, 0x0F, 0xFF, 0x0E, 0x14, 0xFF, 0x0A, 0x02, 0x02,
-                                     0,    0,    0,    0,    0,    0,    0,    0,    0,    0,    0,    0, 0, 0, 0, 0};
+static const uint8_t kTriangles[] = {0xE1, 0xF0, 0x10, 0x02, 0x0F, 0xFF, 0x0E, 0x14, 0xFF, 0x0A, 0x02, 0x02, 0, 0,
+                                     0,    0,    0,    0,    0,    0,    0,    0,    0,    0,    0,    0,    0, 0};
 
 static void triangle_codes_follow_the_fifos(void **state) {
   (void)state;

@@ -22,8 +22,24 @@ static void expect_like_strtod(const char *text) {
 
 static void decimals_are_read_as_the_nearest_double(void **state) {
   (void)state;
-  static const char *const kTexts[] = {"0", "-0", "+1", "1.", ".5", "-.5e1", "1e22", "1e23", "123456789012345", "1234567890123456789", "0.1", "1e-22", "1e-23",
-                                       "4.9406564584124654e-324", "1.7976931348623157e308", "5.841406E-07", "00000000000000000000001", "0.000000000000000000001"};
+  static const char *const kTexts[] = {"0",
+                                       "-0",
+                                       "+1",
+                                       "1.",
+                                       ".5",
+                                       "-.5e1",
+                                       "1e22",
+                                       "1e23",
+                                       "123456789012345",
+                                       "1234567890123456789",
+                                       "0.1",
+                                       "1e-22",
+                                       "1e-23",
+                                       "4.9406564584124654e-324",
+                                       "1.7976931348623157e308",
+                                       "5.841406E-07",
+                                       "00000000000000000000001",
+                                       "0.000000000000000000001"};
   for (size_t i = 0; i < sizeof kTexts / sizeof *kTexts; i++)
     expect_like_strtod(kTexts[i]);
   uint64_t seed = 3;
@@ -51,7 +67,16 @@ static void text_becomes_utf8_without_control_characters(void **state) {
   (void)state;
   char text[] = "a\xC3\xA4\xE2\x98\x83\xF0\x9F\x98\x80 \xFF\xC3\x28\xED\xA0\x80\xE0\x80\x80\n\x7F\xC3";
   lod_text_clean(text);
-  assert_string_equal(text, "a\xC3\xA4\xE2\x98\x83\xF0\x9F\x98\x80 ?" "?(" "?" "?" "?" "?" "?" "?" "  " "?");
+  assert_string_equal(text, "a\xC3\xA4\xE2\x98\x83\xF0\x9F\x98\x80 ?"
+                            "?("
+                            "?"
+                            "?"
+                            "?"
+                            "?"
+                            "?"
+                            "?"
+                            "  "
+                            "?");
 }
 
 int main(void) {

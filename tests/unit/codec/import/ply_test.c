@@ -6,11 +6,14 @@
 #define XYZ "property float x\nproperty float y\nproperty float z\n"
 #define FACES "property list uchar int vertex_indices\n"
 
-static struct test_import import_text(const char *text) { return test_import_bytes(text, strlen(text), "test.ply"); }
+static struct test_import import_text(const char *text) {
+  return test_import_bytes(text, strlen(text), "test.ply");
+}
 
 static void a_triangle_in_ascii_keeps_its_corners_and_has_no_rounding(void **state) {
   (void)state;
-  struct test_import i = import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES) "0 0 0\n1 0 0\n0 .5 -1e0\n3 0 1 2\n");
+  struct test_import i =
+      import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES) "0 0 0\n1 0 0\n0 .5 -1e0\n3 0 1 2\n");
   test_expect_ok(&i);
   assert_string_equal(i.model.format, "ply");
   assert_int_equal(i.model.source_vertices, 3);
@@ -26,14 +29,15 @@ static void a_triangle_in_ascii_keeps_its_corners_and_has_no_rounding(void **sta
 
 static void a_concave_pentagon_becomes_three_triangles_of_its_area(void **state) {
   (void)state;
-  struct test_import i = import_text(HEADER("ascii", "element vertex 5\n" XYZ "element face 1\n" FACES)
-                                     "0 0 0\n4 0 0\n4 4 0\n2 1 0\n0 4 0\n5 0 1 2 3 4\n");
+  struct test_import i =
+      import_text(HEADER("ascii", "element vertex 5\n" XYZ "element face 1\n" FACES) "0 0 0\n4 0 0\n4 4 0\n2 1 0\n0 4 0\n5 0 1 2 3 4\n");
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   double area = 0;
   assert_int_equal(mesh->triangle_count, 3);
   for (uint32_t t = 0; t < 3; t++) {
-    const float *a = mesh->positions[mesh->triangles[t][0]], *b = mesh->positions[mesh->triangles[t][1]], *c = mesh->positions[mesh->triangles[t][2]];
+    const float *a = mesh->positions[mesh->triangles[t][0]], *b = mesh->positions[mesh->triangles[t][1]],
+                *c = mesh->positions[mesh->triangles[t][2]];
     area += ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2;
   }
   assert_true(area == 10); /* the square's 16 less the notch's 6, no triangle turned over */
@@ -43,8 +47,7 @@ static void a_concave_pentagon_becomes_three_triangles_of_its_area(void **state)
 static void doubles_far_from_the_origin_are_rounded_within_the_stated_bound(void **state) {
   (void)state;
   struct test_import i = import_text(HEADER("ascii", "element vertex 3\nproperty double x\nproperty double y\nproperty double z\n"
-                                                     "element face 1\n" FACES)
-                                     "4000000.3 0 0\n4000001.1 0 0\n4000000.3 1 0\n3 0 1 2\n");
+                                                     "element face 1\n" FACES) "4000000.3 0 0\n4000001.1 0 0\n4000000.3 1 0\n3 0 1 2\n");
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   double off = fabs((double)mesh->positions[mesh->triangles[0][0]][0] - 4000000.3);
@@ -90,7 +93,8 @@ static void a_big_endian_quad_of_doubles_keeps_its_colours_as_linear_light(void 
   assert_int_equal(mesh->vertex_count, 4);
   assert_non_null(mesh->colors);
   assert_true(i.model.parts[0].has_colors && !i.model.parts[0].has_normals);
-  assert_true(mesh->colors[0][0] == 1 && fabsf(mesh->colors[0][1] - 0.2158605f) < 1e-5f && mesh->colors[0][2] == 0 && mesh->colors[0][3] == 1);
+  assert_true(mesh->colors[0][0] == 1 && fabsf(mesh->colors[0][1] - 0.2158605f) < 1e-5f && mesh->colors[0][2] == 0 &&
+              mesh->colors[0][3] == 1);
   assert_true(i.model.rounding == 0);
   test_import_end(&i);
   free(ply.bytes);
@@ -109,9 +113,10 @@ static void every_prefix_of_a_file_is_refused(void **state) {
 
 static void faces_with_colours_split_the_vertices_into_wedges(void **state) {
   (void)state;
-  struct test_import i = import_text(HEADER("ascii", "element vertex 4\n" XYZ "element face 2\n" FACES
-                                                     "property uchar red\nproperty uchar green\nproperty uchar blue\n")
-                                     "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 255 0 0\n3 0 2 3 0 255 0\n");
+  struct test_import i = import_text(HEADER(
+      "ascii",
+      "element vertex 4\n" XYZ "element face 2\n" FACES
+      "property uchar red\nproperty uchar green\nproperty uchar blue\n") "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 255 0 0\n3 0 2 3 0 255 0\n");
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   assert_int_equal(mesh->vertex_count, 4);
@@ -122,8 +127,9 @@ static void faces_with_colours_split_the_vertices_into_wedges(void **state) {
 
 static void corner_texcoords_are_kept_and_turned_upside_down(void **state) {
   (void)state;
-  struct test_import i = import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES "property list uchar float texcoord\n")
-                                     "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0 0 1 0 0 0.25\n");
+  struct test_import i =
+      import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES
+                                  "property list uchar float texcoord\n") "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0 0 1 0 0 0.25\n");
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   assert_true(i.model.parts[0].has_uv[0]);
@@ -133,13 +139,15 @@ static void corner_texcoords_are_kept_and_turned_upside_down(void **state) {
 
 static void a_triangle_strip_turns_every_other_triangle_over(void **state) {
   (void)state;
-  struct test_import i = import_text(HEADER("ascii", "element vertex 4\n" XYZ "element tristrips 1\nproperty list int int vertex_indices\n")
-                                     "0 0 0\n1 0 0\n0 1 0\n1 1 0\n8 0 1 2 3 -1 0 1 2\n");
+  struct test_import i = import_text(
+      HEADER("ascii", "element vertex 4\n" XYZ
+                      "element tristrips 1\nproperty list int int vertex_indices\n") "0 0 0\n1 0 0\n0 1 0\n1 1 0\n8 0 1 2 3 -1 0 1 2\n");
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   assert_int_equal(mesh->triangle_count, 3);
   for (uint32_t t = 0; t < 3; t++) {
-    const float *a = mesh->positions[mesh->triangles[t][0]], *b = mesh->positions[mesh->triangles[t][1]], *c = mesh->positions[mesh->triangles[t][2]];
+    const float *a = mesh->positions[mesh->triangles[t][0]], *b = mesh->positions[mesh->triangles[t][1]],
+                *c = mesh->positions[mesh->triangles[t][2]];
     assert_true((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0);
   }
   test_import_end(&i);
@@ -147,9 +155,9 @@ static void a_triangle_strip_turns_every_other_triangle_over(void **state) {
 
 static void edges_become_free_segments(void **state) {
   (void)state;
-  struct test_import i = import_text(HEADER("ascii", "element vertex 4\n" XYZ "element face 1\n" FACES
-                                                     "element edge 1\nproperty int vertex1\nproperty int vertex2\n")
-                                     "0 0 0\n1 0 0\n0 1 0\n5 5 5\n3 0 1 2\n2 3\n");
+  struct test_import i = import_text(
+      HEADER("ascii", "element vertex 4\n" XYZ "element face 1\n" FACES
+                      "element edge 1\nproperty int vertex1\nproperty int vertex2\n") "0 0 0\n1 0 0\n0 1 0\n5 5 5\n3 0 1 2\n2 3\n");
   test_expect_ok(&i);
   assert_int_equal(i.model.units[0].mesh.edge_count, 1);
   test_import_end(&i);
@@ -161,10 +169,13 @@ static void lies_and_nonsense_get_a_problem_of_their_kind(void **state) {
                       "index-out-of-range");
   test_expect_problem(import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES) "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n"),
                       "index-out-of-range");
-  test_expect_problem(import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES) "0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n"), "non-finite");
-  test_expect_problem(import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 999999999\n" FACES) "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
-                      "truncated");
-  test_expect_problem(import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES) "0 0 0\n1 0 x\n0 1 0\n3 0 1 2\n"), "bad-number");
+  test_expect_problem(import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES) "0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n"),
+                      "non-finite");
+  test_expect_problem(
+      import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 999999999\n" FACES) "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
+      "truncated");
+  test_expect_problem(import_text(HEADER("ascii", "element vertex 3\n" XYZ "element face 1\n" FACES) "0 0 0\n1 0 x\n0 1 0\n3 0 1 2\n"),
+                      "bad-number");
   test_expect_problem(import_text(HEADER("ascii", "element vertex 1\n" XYZ) "0 0 0\n"), "empty");
   test_expect_problem(import_text(HEADER("ascii", "element face 0\n" FACES)), "bad-header");
   test_expect_problem(import_text(HEADER("middle_endian", "element vertex 1\n" XYZ) "0 0 0\n"), "bad-header");
@@ -174,7 +185,8 @@ static void lies_and_nonsense_get_a_problem_of_their_kind(void **state) {
 
 static void nan_in_a_vertex_that_no_face_uses_is_harmless(void **state) {
   (void)state;
-  struct test_import i = import_text(HEADER("ascii", "element vertex 4\n" XYZ "element face 1\n" FACES) "0 0 0\n1 0 0\n0 1 0\nnan inf 0\n3 0 1 2\n");
+  struct test_import i =
+      import_text(HEADER("ascii", "element vertex 4\n" XYZ "element face 1\n" FACES) "0 0 0\n1 0 0\n0 1 0\nnan inf 0\n3 0 1 2\n");
   test_expect_ok(&i);
   assert_int_equal(i.model.units[0].mesh.vertex_count, 3);
   test_import_end(&i);

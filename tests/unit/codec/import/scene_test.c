@@ -22,8 +22,10 @@ static void stretch_bounds_every_direction_and_is_reached_by_one(void **state) {
     random_matrix(&seed, pow(10, (double)(round % 13) - 6), m);
     bound = lod_matrix_stretch(m);
     for (int i = 0; i < 4000; i++) {
-      struct lod_vec3 d = lod_vec3_normalize((struct lod_vec3){lod_random_unit(&seed) - 0.5, lod_random_unit(&seed) - 0.5, lod_random_unit(&seed) - 0.5});
-      struct lod_vec3 image = {m[0] * d.x + m[4] * d.y + m[8] * d.z, m[1] * d.x + m[5] * d.y + m[9] * d.z, m[2] * d.x + m[6] * d.y + m[10] * d.z};
+      struct lod_vec3 d =
+          lod_vec3_normalize((struct lod_vec3){lod_random_unit(&seed) - 0.5, lod_random_unit(&seed) - 0.5, lod_random_unit(&seed) - 0.5});
+      struct lod_vec3 image = {m[0] * d.x + m[4] * d.y + m[8] * d.z, m[1] * d.x + m[5] * d.y + m[9] * d.z,
+                               m[2] * d.x + m[6] * d.y + m[10] * d.z};
       most = fmax(most, lod_vec3_length(image));
     }
     assert_true(most <= bound && most > 0.97 * bound);
@@ -35,7 +37,8 @@ static void stretch_bounds_every_direction_and_is_reached_by_one(void **state) {
 }
 
 static struct lod_vec3 turn(const double m[16], struct lod_vec3 d) {
-  return (struct lod_vec3){m[0] * d.x + m[4] * d.y + m[8] * d.z, m[1] * d.x + m[5] * d.y + m[9] * d.z, m[2] * d.x + m[6] * d.y + m[10] * d.z};
+  return (struct lod_vec3){m[0] * d.x + m[4] * d.y + m[8] * d.z, m[1] * d.x + m[5] * d.y + m[9] * d.z,
+                           m[2] * d.x + m[6] * d.y + m[10] * d.z};
 }
 
 /* The sphere's normals are its positions: what was tangent stays at right angles, what looked out still does. */
@@ -70,13 +73,15 @@ static void one_transformed_sphere(uint64_t *seed) {
   double worst = 0;
   for (uint32_t t = 0; t < mesh->triangle_count; t++)
     for (int k = 0; k < 3; k++) {
-      bool mirrored = lod_vec3_dot((struct lod_vec3){m[0][0], m[0][1], m[0][2]},
-                                   lod_vec3_cross((struct lod_vec3){m[0][4], m[0][5], m[0][6]}, (struct lod_vec3){m[0][8], m[0][9], m[0][10]})) < 0;
+      bool mirrored =
+          lod_vec3_dot((struct lod_vec3){m[0][0], m[0][1], m[0][2]},
+                       lod_vec3_cross((struct lod_vec3){m[0][4], m[0][5], m[0][6]}, (struct lod_vec3){m[0][8], m[0][9], m[0][10]})) < 0;
       const float *p = source[sphere.triangles[t][mirrored && k ? 3 - k : k]];
       const float *q = mesh->positions[mesh->triangles[t][k]];
       long double squared = 0;
       for (int row = 0; row < 3; row++) {
-        long double exact = (long double)m[0][row] * p[0] + (long double)m[0][4 + row] * p[1] + (long double)m[0][8 + row] * p[2] + m[0][12 + row];
+        long double exact =
+            (long double)m[0][row] * p[0] + (long double)m[0][4 + row] * p[1] + (long double)m[0][8 + row] * p[2] + m[0][12 + row];
         squared += (exact - q[row]) * (exact - q[row]);
       }
       worst = fmax(worst, (double)sqrtl(squared));
@@ -108,7 +113,8 @@ static void zero_normals_are_replaced_by_the_faces(void **state) {
   assert_int_equal(lod_scene_add_part(scene, &part, "t", NULL), LOD_OK);
   assert_int_equal(lod_scene_finish(scene, 3, "t", &model, NULL), LOD_OK);
   const struct lod_mesh *out = &model.units[0].mesh;
-  assert_true(out->normals[out->corners[0][0]][0] == -1 && out->normals[out->corners[0][1]][0] == -1 && out->normals[out->corners[0][2]][1] == 1);
+  assert_true(out->normals[out->corners[0][0]][0] == -1 && out->normals[out->corners[0][1]][0] == -1 &&
+              out->normals[out->corners[0][2]][1] == 1);
   assert_true(test_has_warning(&model, "2 normals"));
   lod_arena_destroy(scratch);
   lod_arena_destroy(arena);

@@ -46,11 +46,12 @@ static void every_prefix_of_a_binary_cube_is_refused(void **state) {
   lod_arena_destroy(arena);
 }
 
-static const char kText[] = "solid two words\n"
-                            "  facet normal 0 0 1\n    outer loop\n      vertex 0 0 0\n      vertex 1 0 0\n      vertex 1 1 0\n      vertex 0 1 0\n"
-                            "    endloop\n  endfacet\n"
-                            "  FACET NORMAL 0 0 1\r\n    OUTER LOOP\r\n VERTEX 0 0 0\r\n VERTEX 0 1 0\r\n VERTEX -1e-3 1 0\r\n ENDLOOP\r\n ENDFACET\r\n"
-                            "endsolid two words\n";
+static const char kText[] =
+    "solid two words\n"
+    "  facet normal 0 0 1\n    outer loop\n      vertex 0 0 0\n      vertex 1 0 0\n      vertex 1 1 0\n      vertex 0 1 0\n"
+    "    endloop\n  endfacet\n"
+    "  FACET NORMAL 0 0 1\r\n    OUTER LOOP\r\n VERTEX 0 0 0\r\n VERTEX 0 1 0\r\n VERTEX -1e-3 1 0\r\n ENDLOOP\r\n ENDFACET\r\n"
+    "endsolid two words\n";
 
 static void text_with_a_loop_of_four_makes_two_triangles_of_it(void **state) {
   (void)state;
