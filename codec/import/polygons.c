@@ -100,7 +100,7 @@ static enum lod_status triangulate_all(const struct lod_polygons *polygons, stru
   for (uint32_t p = 0; p < polygons->polygon_count; p++) {
     uint32_t first = polygons->starts[p], count = polygons->starts[p + 1] - first, flags = 0;
     const uint32_t *corners = polygons->corners + first;
-    if (count > 3 && !corners_are_finite(positions, corners, count))
+    if (!corners_are_finite(positions, corners, count))
       return lod_reader_bad(reader, "non-finite", "a vertex of face %u is not a finite number", p);
     if (lod_triangulate_polygon((const float(*)[3])positions, corners, &count, 1, reader->scratch, result->corners + done, &flags) !=
         LOD_OK)

@@ -183,6 +183,14 @@ static void lies_and_nonsense_get_a_problem_of_their_kind(void **state) {
   test_expect_problem(import_text(""), "empty");
 }
 
+/* Found by the fuzzer: the exact predicates must never see a NaN. */
+static void nan_in_a_triangle_beside_a_quad_is_refused(void **state) {
+  (void)state;
+  test_expect_problem(import_text(HEADER("ascii", "element vertex 5\n" XYZ
+                                                  "element face 2\n" FACES) "0 0 0\n1 0 0\n1 1 0\n0 1 0\nnan 5 0\n4 0 1 2 3\n3 0 1 4\n"),
+                      "non-finite");
+}
+
 static void nan_in_a_vertex_that_no_face_uses_is_harmless(void **state) {
   (void)state;
   struct test_import i =
@@ -215,6 +223,7 @@ int main(void) {
       cmocka_unit_test(a_triangle_strip_turns_every_other_triangle_over),
       cmocka_unit_test(edges_become_free_segments),
       cmocka_unit_test(lies_and_nonsense_get_a_problem_of_their_kind),
+      cmocka_unit_test(nan_in_a_triangle_beside_a_quad_is_refused),
       cmocka_unit_test(nan_in_a_vertex_that_no_face_uses_is_harmless),
       cmocka_unit_test(limits_are_kept_before_anything_is_allocated),
   };
