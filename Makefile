@@ -127,6 +127,9 @@ endif
 $(B)/tests/sample/sample: $(B)/tests/sample/sample.o $(B)/libtestdata.a $(B)/libcore.a $(B)/libbase.a
 	$(CC) $(LDFLAGS) -o $@ $^ -lm
 
+# Embedded with .incbin, which leaves no dependency of its own.
+$(B)/server/http/openapi.o: server/http/openapi.json
+
 unit-tests: $(UNIT)
 fuzz-replay: $(FUZZ)
 

@@ -2,7 +2,7 @@
 # Installs the Debian packages that building, running and testing need, if any is missing. Debian 12; root or sudo.
 set -eu
 
-packages="gcc g++ clang llvm make pkg-config ca-certificates curl xz-utils
+packages="gcc g++ clang llvm make pkg-config ca-certificates curl openssl xz-utils
  libmicrohttpd-dev libgnutls28-dev libsqlite3-dev libjansson-dev nettle-dev zlib1g-dev libpng-dev
  libdraco-dev libtinygltf-dev nlohmann-json3-dev libassimp-dev libcurl4-gnutls-dev libseccomp-dev
  libcmocka-dev libmeshoptimizer-dev libclang-rt-14-dev clang-format

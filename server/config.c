@@ -48,6 +48,8 @@ static const struct setting {
     {"cached-objects", "N", COUNT, AT(cached_objects), "1024", 1, 30000,
      "Mapped objects, and prepared responses, kept for the next request."},
     {"upload-bytes", "N", BYTES, AT(upload_bytes), "1GiB", 1, UINT64_C(1) << 40, "Largest model that PUT takes."},
+    {"store-bytes", "N", BYTES, AT(store_bytes), "0", 0, UINT64_C(1) << 50, "Most that all objects may hold; a bake over it fails; 0: no limit."},
+    {"families", "NAMES", TEXT, AT(families), "", 0, 0, "Families to bake, separated by commas. Not set: the worker's default."},
     {"bakes", "N", COUNT, AT(bakes), "1", 1, 64, "Bakes at once, each in a process of its own."},
     {"bake-threads", "N", COUNT, AT(bake_threads), "0", 0, 256, "Threads of one bake; 0: one a processor."},
     {"bake-queue", "N", COUNT, AT(bake_queue), "64", 1, 100000, "Bakes that may wait; more are refused with 503."},

@@ -47,6 +47,12 @@ static void raise_descriptor_limit(void) {
   }
 }
 
+/* The queue tells of bakes that end badly and of what their workers said. */
+static void log_line(void *context, const char *line) {
+  (void)context;
+  lod_log(LOD_LOG_WARN, "%s", line);
+}
+
 static enum lod_status start_jobs(struct daemon *daemon, struct lod_problem *problem) {
   const struct lod_config *config = &daemon->config;
   struct lod_jobs_settings settings = lod_jobs_defaults();
@@ -62,6 +68,8 @@ static enum lod_status start_jobs(struct daemon *daemon, struct lod_problem *pro
   settings.memory_limit_bytes = config->bake_memory;
   settings.upload_limit_bytes = config->upload_bytes;
   settings.limits_json = daemon->limits_json;
+  settings.families = config->families;
+  settings.log = log_line;
   settings.changed = job_changed;
   settings.context = daemon;
   return lod_jobs_create(&settings, &daemon->jobs, problem);
@@ -79,6 +87,7 @@ static enum lod_status start(struct daemon *daemon, struct lod_problem *problem)
     return lod_fail_memory(problem);
   lod_metrics_set(daemon->metrics, LOD_METRIC_START_TIME, (double)time(NULL));
   LOD_TRY(lod_store_open(config->store, &daemon->store, problem));
+  lod_store_set_quota(daemon->store, config->store_bytes);
   LOD_TRY(start_jobs(daemon, problem));
   LOD_TRY(lod_service_init(&daemon->service, daemon->store, daemon->jobs, daemon->metrics, config, problem));
   struct lod_http *http;

@@ -102,6 +102,7 @@ static void delete_model(struct lod_exchange *exchange) {
   const char *id = exchange->target.segments[2];
   struct lod_query_problem problem = {0};
   bool existed = false;
+  lod_jobs_cancel_model(exchange->service->jobs, id); /* an upload that still bakes must not bring the model back */
   if (lod_store_model_delete(exchange->service->store, id, &existed, &problem.problem) != LOD_OK)
     lod_reply_failure(&exchange->reply, &problem);
   else if (!existed)

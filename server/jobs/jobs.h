@@ -20,6 +20,7 @@ struct lod_jobs_settings {
   uint32_t deadline_seconds;                    /* of one bake; default 600 */
   uint64_t memory_limit_bytes;                  /* of one worker; default 8 GiB */
   uint64_t upload_limit_bytes;                  /* default 1 GiB; checked by http while the body arrives */
+  const char *families;                         /* to bake, separated by commas; NULL or "" = the worker's default */
   const char *limits_json;                      /* import limits object for the 'J' frame, or NULL = defaults */
   void (*changed)(void *context, uint64_t job); /* called from any thread whenever a job's state, stage or progress changes */
   void *context;

@@ -325,8 +325,15 @@ static char *job_payload(const struct lod_jobs *jobs, const struct job *job) {
   /* Below the process's own limit: the worker's allocations meet theirs first, and it can say so. */
   json_object_set_new(limits, "memory_bytes", json_integer((json_int_t)(jobs->settings.memory_limit_bytes / 8 * 7)));
   json_object_set_new(limits, "seconds", json_integer(jobs->settings.deadline_seconds));
-  json_t *root = json_pack("{s:s, s:s, s:s, s:s?, s:[], s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format",
-                           job->format, "families", "threads", (int)jobs->settings.threads, "limits", limits);
+  json_t *families = json_array();
+  for (const char *name = jobs->settings.families; name != NULL && *name != '\0';) {
+    size_t length = strcspn(name, ", ");
+    if (length != 0)
+      json_array_append_new(families, json_stringn(name, length));
+    name += length + (name[length] != '\0');
+  }
+  json_t *root = json_pack("{s:s, s:s, s:s, s:s?, s:o, s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format", job->format,
+                           "families", families, "threads", (int)jobs->settings.threads, "limits", limits);
   char *text = root == NULL ? NULL : json_dumps(root, JSON_COMPACT);
   json_decref(root);
   return text;

@@ -224,6 +224,17 @@ test('deleted model and its objects are gone', async () => {
   assert.equal((await daemon.curl('/v1/models/doomed', ['-X', 'DELETE'])).status, 404);
 });
 
+test('an upload that still bakes does not bring a deleted model back', async () => {
+  const slow = { ...bunny, seed: 901, steps: 40, step_ms: 100 };
+  const { headers } = await daemon.curl('/v1/models/undone', ['-T', '-'], JSON.stringify(slow));
+  await eventually('the bake runs', async () => (await daemon.json(headers.location)).json.state === 'running');
+  await daemon.curl('/v1/models/undone', ['-X', 'DELETE']);
+  const { json } = await daemon.json(headers.location);
+  assert.equal(json.state, 'failed');
+  assert.match(json.problem.type, /cancelled/);
+  assert.equal((await daemon.curl('/v1/models/undone')).status, 404);
+});
+
 test('with a token only its holder changes anything, and anyone reads', async () => {
   const file = path.join(daemon.directory, 'token');
   fs.writeFileSync(file, 'correct horse\n');
