@@ -77,10 +77,7 @@ struct cluster_cells {
  */
 void cluster_grade(struct cluster_unit *unit, const struct lod_cluster_settings *settings, const uint32_t *begin, const uint32_t *corners);
 
-/* prepare.c. LSD radix sort of `count` keys of `bits` bits with their values, stable. Results are in keys and values; the scratch arrays
- * are as long. */
-void cluster_radix_sort(uint64_t *keys, uint32_t *values, uint64_t *keys_scratch, uint32_t *values_scratch, uint32_t count, uint32_t bits);
-/* Working order, blocks, grades, order by weight. */
+/* prepare.c. Working order, blocks, grades, order by weight. */
 LOD_WARN_UNUSED enum lod_status cluster_prepare(struct cluster_unit *unit, const struct lod_unit *source,
                                                 const struct lod_cluster_settings *settings, struct lod_arena *arena);
 

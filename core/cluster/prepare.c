@@ -6,10 +6,10 @@
 
 enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS };
 
-void cluster_radix_sort(uint64_t *keys, uint32_t *values, uint64_t *keys_scratch, uint32_t *values_scratch, uint32_t count, uint32_t bits) {
-  uint64_t *from = keys, *to = keys_scratch;
-  uint32_t *from_values = values, *to_values = values_scratch;
-  for (uint32_t shift = 0; shift < bits; shift += DIGIT_BITS) {
+/* LSD radix sort by the upper 32 bits, of which the lower `bits` are looked at; stable. Returns where the result is: items or scratch. */
+static uint64_t *radix_sort(uint64_t *items, uint64_t *scratch, uint32_t count, uint32_t bits) {
+  uint64_t *from = items, *to = scratch;
+  for (uint32_t shift = 32; shift < 32 + bits; shift += DIGIT_BITS) {
     uint32_t begin[DIGITS] = {0};
     for (uint32_t i = 0; i < count; i++)
       begin[from[i] >> shift & (DIGITS - 1)]++;
@@ -19,22 +19,13 @@ void cluster_radix_sort(uint64_t *keys, uint32_t *values, uint64_t *keys_scratch
       begin[d] = sum;
       sum += size;
     }
-    for (uint32_t i = 0; i < count; i++) {
-      uint32_t place = begin[from[i] >> shift & (DIGITS - 1)]++;
-      to[place] = from[i];
-      to_values[place] = from_values[i];
-    }
+    for (uint32_t i = 0; i < count; i++)
+      to[begin[from[i] >> shift & (DIGITS - 1)]++] = from[i];
     uint64_t *other = from;
     from = to;
     to = other;
-    uint32_t *other_values = from_values;
-    from_values = to_values;
-    to_values = other_values;
   }
-  if (from != keys) {
-    memcpy(keys, from, count * sizeof *keys);
-    memcpy(values, from_values, count * sizeof *values);
-  }
+  return from;
 }
 
 /* How many corners, edge ends and points use each source vertex. */
@@ -86,8 +77,7 @@ static uint32_t spread(uint32_t v) {
 }
 
 /* Working order: by key, then along the Morton curve of a grid of 1024^3 cubes, then by source index. source holds the used vertices. */
-static void sort_along_curve(struct cluster_unit *unit, const double box[6], uint64_t *keys, uint64_t *keys_scratch,
-                             uint32_t *values_scratch) {
+static void sort_along_curve(struct cluster_unit *unit, const double box[6], uint64_t *items, uint64_t *scratch) {
   double extent = 0;
   for (int axis = 0; axis < 3; axis++)
     extent = fmax(extent, box[3 + axis] - box[axis]);
@@ -101,14 +91,19 @@ static void sort_along_curve(struct cluster_unit *unit, const double box[6], uin
       double g = ((double)positions[v][axis] - from[axis]) * to_grid;
       code |= spread(g > 0 ? g < 1023 ? (uint32_t)g : 1023 : 0) << axis;
     }
-    uint64_t set = unit->key != NULL ? unit->groups.vertex_set[v] : 0;
-    keys[i] = set << 30 | code;
+    items[i] = (uint64_t)code << 32 | v;
   }
-  uint32_t set_bits = 0;
-  if (unit->key != NULL)
-    while (unit->groups.set_count >> set_bits != 0)
-      set_bits++;
-  cluster_radix_sort(keys, unit->source, keys_scratch, values_scratch, unit->count, 30 + set_bits);
+  uint64_t *sorted = radix_sort(items, scratch, unit->count, 30);
+  if (unit->key != NULL) {
+    uint32_t bits = 0;
+    while (unit->groups.set_count >> bits != 0)
+      bits++;
+    for (uint32_t i = 0; i < unit->count; i++)
+      sorted[i] = (uint64_t)unit->groups.vertex_set[(uint32_t)sorted[i]] << 32 | (uint32_t)sorted[i];
+    sorted = radix_sort(sorted, sorted == items ? scratch : items, unit->count, bits);
+  }
+  for (uint32_t i = 0; i < unit->count; i++)
+    unit->source[i] = (uint32_t)sorted[i];
 }
 
 /* Coordinates, keys and boxes of blocks. The last block is padded with the last vertex. */
@@ -208,56 +203,34 @@ static void list_corners(struct cluster_unit *unit, const uint32_t *place, const
 }
 
 /* Heaviest first; equal weights in source order, so that neither the box nor the curve has a say. */
-static void sort_by_weight(struct cluster_unit *unit, const uint32_t *place, uint64_t *keys, uint64_t *keys_scratch,
-                           uint32_t *values_scratch) {
+static void sort_by_weight(struct cluster_unit *unit, const uint32_t *place, uint64_t *items, uint64_t *scratch) {
   uint32_t count = 0;
   for (uint32_t s = 0; s < unit->mesh->vertex_count; s++)
     if (place[s] != LOD_NONE) {
-      union {
-        float f;
-        uint32_t u;
-      } bits = {.f = unit->weight[place[s]]};
-      keys[count] = (uint32_t)~bits.u;
-      unit->order[count++] = place[s];
+      uint32_t bits;
+      memcpy(&bits, &unit->weight[place[s]], sizeof bits);
+      items[count++] = (uint64_t)~bits << 32 | place[s];
     }
-  cluster_radix_sort(keys, unit->order, keys_scratch, values_scratch, count, 32);
-  for (uint32_t i = 0; i < count; i++)
+  const uint64_t *sorted = radix_sort(items, scratch, count, 32);
+  for (uint32_t i = 0; i < count; i++) {
+    unit->order[i] = (uint32_t)sorted[i];
     unit->rank[unit->order[i]] = i;
+  }
 }
 
-/* Room to sort in: given back after each sort, since corners and grades need theirs in between. */
-struct sorting {
-  struct lod_arena *arena;
-  uint64_t *keys, *keys_scratch;
-  uint32_t *values_scratch;
-};
-
-static enum lod_status sorting_create(struct sorting *sorting, uint32_t count, struct lod_arena *parent) {
-  *sorting = (struct sorting){.arena = lod_arena_create_child(parent)};
-  if (sorting->arena == NULL)
+/* Room to sort in is given back after each sort, since corners and grades need theirs in between. place: NULL = along the curve. */
+static enum lod_status sort(struct cluster_unit *unit, const double box[6], const uint32_t *place, struct lod_arena *parent) {
+  struct lod_arena *arena = lod_arena_create_child(parent);
+  if (arena == NULL)
     return LOD_MEMORY;
-  sorting->keys = LOD_NEW(sorting->arena, count, uint64_t);
-  sorting->keys_scratch = LOD_NEW(sorting->arena, count, uint64_t);
-  sorting->values_scratch = LOD_NEW(sorting->arena, count, uint32_t);
-  return sorting->keys != NULL && sorting->keys_scratch != NULL && sorting->values_scratch != NULL ? LOD_OK : LOD_MEMORY;
-}
-
-static enum lod_status order_along_curve(struct cluster_unit *unit, const double box[6], struct lod_arena *scratch) {
-  struct sorting sorting;
-  enum lod_status status = sorting_create(&sorting, unit->count, scratch);
-  if (status == LOD_OK)
-    sort_along_curve(unit, box, sorting.keys, sorting.keys_scratch, sorting.values_scratch);
-  lod_arena_destroy(sorting.arena);
-  return status;
-}
-
-static enum lod_status order_by_weight(struct cluster_unit *unit, const uint32_t *place, struct lod_arena *scratch) {
-  struct sorting sorting;
-  enum lod_status status = sorting_create(&sorting, unit->count, scratch);
-  if (status == LOD_OK)
-    sort_by_weight(unit, place, sorting.keys, sorting.keys_scratch, sorting.values_scratch);
-  lod_arena_destroy(sorting.arena);
-  return status;
+  uint64_t *items = LOD_NEW(arena, unit->count, uint64_t), *scratch = LOD_NEW(arena, unit->count, uint64_t);
+  bool good = items != NULL && scratch != NULL;
+  if (good && place == NULL)
+    sort_along_curve(unit, box, items, scratch);
+  else if (good)
+    sort_by_weight(unit, place, items, scratch);
+  lod_arena_destroy(arena);
+  return good ? LOD_OK : LOD_MEMORY;
 }
 
 static enum lod_status grade(struct cluster_unit *unit, const struct lod_cluster_settings *settings, const uint32_t *place,
@@ -297,13 +270,13 @@ static enum lod_status prepare(struct cluster_unit *unit, const struct lod_clust
   LOD_TRY(allocate(unit, settings->representative == LOD_CLUSTER_QUADRIC, arena));
   if (unit->count == 0)
     return LOD_OK;
-  LOD_TRY(order_along_curve(unit, box, scratch));
+  LOD_TRY(sort(unit, box, NULL, scratch));
   memset(place, 0xff, mesh->vertex_count * sizeof *place);
   for (uint32_t i = 0; i < unit->count; i++)
     place[unit->source[i]] = i;
   fill_blocks(unit);
   LOD_TRY(grade(unit, settings, place, uses, scratch));
-  return order_by_weight(unit, place, scratch);
+  return sort(unit, box, place, scratch);
 }
 
 enum lod_status cluster_prepare(struct cluster_unit *unit, const struct lod_unit *source, const struct lod_cluster_settings *settings,

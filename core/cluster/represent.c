@@ -25,25 +25,45 @@ static struct lod_vec3 working_position(const struct cluster_unit *unit, uint32_
   return lod_vec3_make((double)unit->x[v], (double)unit->y[v], (double)unit->z[v]);
 }
 
+/* Sums over a run of neighbouring vertices of one cell, in float: a run is short, and near its cell's centre. */
+struct run {
+  float a[6], b[3], mean[3], weight;
+};
+
+static void end_run(struct moments *m, struct run *run) {
+  for (int i = 0; i < 6; i++)
+    m->a[i] += (double)run->a[i];
+  for (int axis = 0; axis < 3; axis++) {
+    m->b[axis] += (double)run->b[axis];
+    m->mean[axis] += (double)run->mean[axis];
+  }
+  m->weight += (double)run->weight;
+  *run = (struct run){0};
+}
+
 static void add_vertices(const struct cluster_unit *unit, const struct cluster_cells *cells, bool quadric, struct moments *moments) {
-  for (uint32_t v = 0; v < unit->count; v++) {
-    struct moments *m = &moments[cells->image[v]];
-    struct lod_vec3 d = lod_vec3_subtract(working_position(unit, v), working_position(unit, cells->centre[cells->image[v]]));
-    double w = quadric ? 1 : (double)unit->weight[v];
-    m->mean[0] += w * d.x;
-    m->mean[1] += w * d.y;
-    m->mean[2] += w * d.z;
-    m->weight += w;
-    if (!quadric)
-      continue;
-    double a[6];
-    for (int i = 0; i < 6; i++) {
-      a[i] = (double)unit->quadric[v][i];
-      m->a[i] += a[i];
+  struct run run = {0};
+  enum { LONGEST = 64 };
+  for (uint32_t v = 0, since = 0; v < unit->count; v++) {
+    uint32_t cell = cells->image[v], centre = cells->centre[cell];
+    float x = unit->x[v] - unit->x[centre], y = unit->y[v] - unit->y[centre], z = unit->z[v] - unit->z[centre];
+    float w = quadric ? 1 : unit->weight[v];
+    run.mean[0] += w * x;
+    run.mean[1] += w * y;
+    run.mean[2] += w * z;
+    run.weight += w;
+    if (quadric) {
+      const float *a = unit->quadric[v];
+      for (int i = 0; i < 6; i++)
+        run.a[i] += a[i];
+      run.b[0] += a[0] * x + a[1] * y + a[2] * z;
+      run.b[1] += a[1] * x + a[3] * y + a[4] * z;
+      run.b[2] += a[2] * x + a[4] * y + a[5] * z;
     }
-    m->b[0] += a[0] * d.x + a[1] * d.y + a[2] * d.z;
-    m->b[1] += a[1] * d.x + a[3] * d.y + a[4] * d.z;
-    m->b[2] += a[2] * d.x + a[4] * d.y + a[5] * d.z;
+    if (v + 1 == unit->count || cells->image[v + 1] != cell || v - since == LONGEST) {
+      end_run(&moments[cell], &run);
+      since = v + 1;
+    }
   }
   for (uint32_t c = 0; c < cells->count; c++)
     for (int axis = 0; axis < 3; axis++)
