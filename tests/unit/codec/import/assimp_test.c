@@ -5,7 +5,9 @@
 const char *__lsan_default_suppressions(void);
 
 /* assimp's importers leak when they give up in the middle; a worker's memory goes with the worker. */
-const char *__lsan_default_suppressions(void) { return "leak:libassimp"; }
+const char *__lsan_default_suppressions(void) {
+  return "leak:libassimp";
+}
 
 static void off_quads_become_triangles_and_a_lying_header_is_refused(void **state) {
   (void)state;
