@@ -44,9 +44,17 @@ export async function openPage(browser, options = {}) {
 
 /** Until the level that is wanted is drawn and no fade runs. */
 export async function settled(page, timeout = 20000) {
+  // What a key or a slider changed is asked for by the next frame; only then "not busy" means anything.
+  await frames(page, 4);
   await page.waitForFunction(() => document.getElementById('stage').getAttribute('aria-busy') === 'false' && document.getElementById('hud-px').dataset.value, null, { timeout });
   // One more frame, so that what the figures say is what the screen shows.
-  await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+  await frames(page, 2);
+}
+
+function frames(page, count) {
+  return page.evaluate(async (n) => {
+    while (n-- > 0) await new Promise(requestAnimationFrame);
+  }, count);
 }
 
 /** The exact figures behind the overlay's words. */

@@ -2,7 +2,7 @@
 
 import assert from 'node:assert/strict';
 import { after, before, test } from 'node:test';
-import { figures, launch, openPage, picture, covered, settled, VIEWER } from './browser.mjs';
+import { compareGolden, figures, launch, openPage, picture, covered, settled, VIEWER } from './browser.mjs';
 import { Mock, mockModel } from './mock.mjs';
 import { barTree, bumpySphere, writeGlb, writePly } from './models.mjs';
 
@@ -218,6 +218,27 @@ test('a tree of bars and a ball is a tree from every side', TEST, () => {
       assert.ok(part > 0.01 && part < 0.3, `side ${side}: ${part}`);
       for (let i = 0; i < 6; i++) await page.keyboard.press(side === 2 ? 'ArrowDown' : 'ArrowRight');
       await settled(page);
+    }
+    assert.deepEqual(page.faults, []);
+  });
+});
+
+test('what is drawn is the golden picture: a coarse sphere is smooth, a cube has edges, bars are round', TEST, () => {
+  const { positions, thickness } = barTree(3);
+  const cube = [0, 1, 2, 3, 4, 5, 6, 7].map((i) => [i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1]);
+  const faces = [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5]];
+  const models = [
+    mockModel('coarse', [sphereLevel(7, 0)], { radius: 1.2 }),
+    mockModel('cube', [{ glb: writeGlb({ primitives: [{ positions: cube, indices: faces }] }), error: 0, triangles: 12 }], { radius: Math.sqrt(3) }),
+    mockModel('tree', [{ glb: writeGlb({ primitives: [{ mode: 1, positions, thickness }] }), error: 0, triangles: 0, edges: positions.length / 2 }], { radius: 1.9 }),
+  ];
+  return withMock({ page: { viewport: { width: 400, height: 480 } } }, models, async (mock, page) => {
+    for (const name of ['coarse', 'cube', 'tree']) {
+      await page.goto(`${mock.url}#model=${name}`);
+      await page.reload();
+      await settled(page);
+      const { part, ok } = compareGolden(name, await picture(page));
+      assert.ok(ok, `${name}: ${(part * 100).toFixed(2)} % of the pixels differ; see build/web-tests/${name}.png`);
     }
     assert.deepEqual(page.faults, []);
   });

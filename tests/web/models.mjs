@@ -1,5 +1,7 @@
 /** Models that tests draw: made from formulas, written as the files that a person would upload. */
 
+import { PNG } from 'pngjs';
+
 /** A sphere with bumps, as a scan is: {positions, triangles}. n: rings; about 4 n^2 triangles. */
 export function bumpySphere(n) {
   const positions = [];
@@ -123,4 +125,70 @@ export function barTree(depth) {
 function normalize(v) {
   const length = Math.hypot(...v);
   return v.map((x) => x / length);
+}
+
+/** A ball with thin square bars in all directions, as a burr: clustering turns the bars into thick edges while the ball still has triangles. */
+export function burr(count) {
+  const ball = bumpySphere(24);
+  const positions = ball.positions.map((p) => p.map((x) => 0.4 * x));
+  const triangles = ball.triangles;
+  for (let i = 0; i < count; i++) {
+    const z = 1 - (2 * i + 1) / count;
+    const phi = i * 2.399963; // golden angle
+    const d = [Math.sqrt(1 - z * z) * Math.cos(phi), Math.sqrt(1 - z * z) * Math.sin(phi), z];
+    const side = normalize(Math.abs(d[2]) < 0.9 ? [d[1], -d[0], 0] : [0, d[2], -d[1]]);
+    const other = [d[1] * side[2] - d[2] * side[1], d[2] * side[0] - d[0] * side[2], d[0] * side[1] - d[1] * side[0]];
+    const base = positions.length;
+    const segments = 6;
+    for (let s = 0; s <= segments; s++) {
+      for (let k = 0; k < 4; k++) {
+        const u = 0.015 * (k === 0 || k === 3 ? 1 : -1);
+        const v = 0.015 * (k < 2 ? 1 : -1);
+        positions.push([0, 1, 2].map((a) => d[a] * (0.3 + s / segments) + side[a] * u + other[a] * v));
+      }
+    }
+    const quad = (a, b, c, e) => triangles.push([a, b, c], [a, c, e]);
+    for (let s = 0; s < segments; s++) {
+      for (let k = 0; k < 4; k++) quad(base + 4 * s + k, base + 4 * s + ((k + 1) % 4), base + 4 * s + 4 + ((k + 1) % 4), base + 4 * s + 4 + k);
+    }
+    quad(base + 3, base + 2, base + 1, base);
+    const end = base + 4 * segments;
+    quad(end, end + 1, end + 2, end + 3);
+  }
+  return { positions, triangles };
+}
+
+/** A wavy sheet with a picture of squares on it, as a GLB with the picture inside. */
+export function checkerGlb(n) {
+  const positions = [];
+  const uvs = [];
+  const indices = [];
+  for (let i = 0; i <= n; i++) {
+    for (let j = 0; j <= n; j++) {
+      const x = (2 * i) / n - 1;
+      const y = (2 * j) / n - 1;
+      positions.push([x, y, 0.25 * Math.sin(3 * x) * Math.cos(3 * y)]);
+      uvs.push([i / n, j / n]);
+    }
+  }
+  for (let i = 0; i < n; i++) {
+    for (let j = 0; j < n; j++) {
+      const a = i * (n + 1) + j;
+      indices.push([a, a + n + 1, a + n + 2], [a, a + n + 2, a + 1]);
+    }
+  }
+  const image = new PNG({ width: 64, height: 64 });
+  for (let y = 0; y < 64; y++) {
+    for (let x = 0; x < 64; x++) {
+      const odd = ((x >> 3) + (y >> 3)) & 1;
+      image.data.set(odd ? [210, 70, 40, 255] : [240, 230, 200, 255], (y * 64 + x) * 4);
+    }
+  }
+  const uri = `data:image/png;base64,${PNG.sync.write(image).toString('base64')}`;
+  return writeGlb({
+    primitives: [{ positions, uvs, indices, material: 0 }],
+    materials: [{ pbrMetallicRoughness: { baseColorTexture: { index: 0 }, metallicFactor: 0, roughnessFactor: 0.8 }, doubleSided: true }],
+    textures: [{ source: 0 }],
+    images: [{ uri }],
+  });
 }

@@ -9,7 +9,7 @@ import { thickLines, thickMaterial, thickPoints } from './thick.js';
 
 /** For triangles without a material of their own: unglazed clay, seen from both sides, since nothing says which one is outside. */
 function clay() {
-  return new MeshStandardMaterial({ name: 'clay', color: new Color(0.4, 0.39, 0.37), roughness: 0.62, metalness: 0, side: DoubleSide });
+  return new MeshStandardMaterial({ name: 'clay', color: new Color(0.5, 0.487, 0.465), roughness: 0.62, metalness: 0, side: DoubleSide });
 }
 
 export class LevelObject {

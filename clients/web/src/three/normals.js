@@ -9,12 +9,14 @@
  * Facets. 1998).
  */
 
-const CREASE_MIN = 38;
+const CREASE_FLAT = 38; /* where faces were meant to be flat */
+const CREASE_CURVED = 75; /* at least, on curved surfaces */
 const CREASE_MAX = 100;
 const CREASE_PER_MEDIAN = 4;
 /* Flat is what bends less than this part of the edges that bend most; decoded positions lie on a grid, so flat faces are not quite flat. */
 const FLAT_PART = 0.2;
 const FLAT_SHARE = 0.25;
+const MUCH_MAX = 60;
 
 /**
  * @param {ArrayLike<number>} positions 3 a vertex
@@ -27,8 +29,8 @@ export function computeCreasedNormals(positions, index, options = {}) {
   const triangles = index ? Uint32Array.from(index) : Uint32Array.from({ length: positions.length / 3 }, (_, i) => i);
   const welded = weld(positions, triangles);
   const { faces, angles } = faceNormals(positions, triangles);
-  const edges = pairEdges(welded, triangles.length);
-  const crease = options.crease ?? creaseAngle(edgeBends(positions, triangles, faces, edges));
+  const { twin: edges, plain } = pairEdges(welded, faces);
+  const crease = options.crease ?? creaseAngle(edgeBends(positions, triangles, faces, edges, plain));
   const groups = smoothingGroups(welded, faces, edges, Math.cos((crease * Math.PI) / 180), triangles.length);
   return { ...gather(triangles, faces, angles, groups), crease };
 }
@@ -37,15 +39,15 @@ export function computeCreasedNormals(positions, index, options = {}) {
 export function creaseAngle(bends) {
   const sorted = [...bends].sort((a, b) => a.bend - b.bend);
   const total = sorted.reduce((sum, b) => sum + b.length, 0);
-  if (!(total > 0)) return CREASE_MIN;
+  if (!(total > 0)) return CREASE_FLAT;
   const quantile = (part) => {
     let sum = 0;
     return sorted.find((b) => (sum += b.length) >= part * total).bend;
   };
-  const much = quantile(0.8);
+  const much = Math.min(MUCH_MAX, quantile(0.8));
   const flat = sorted.reduce((sum, b) => sum + (b.bend < FLAT_PART * much ? b.length : 0), 0);
-  if (flat > FLAT_SHARE * total) return CREASE_MIN;
-  return Math.min(CREASE_MAX, Math.max(CREASE_MIN, CREASE_PER_MEDIAN * quantile(0.5)));
+  if (flat > FLAT_SHARE * total) return CREASE_FLAT;
+  return Math.min(CREASE_MAX, Math.max(CREASE_CURVED, CREASE_PER_MEDIAN * quantile(0.5)));
 }
 
 /** Per corner the first vertex with the same position: attributes split vertices that the surface does not. */
@@ -115,28 +117,57 @@ function cross(a, b) {
 }
 
 /**
- * Half-edge k of triangle t (from corner k to k + 1) -> the half-edge it runs against, or -1 at borders, where more than two triangles meet, and
- * where two neighbours disagree about which side is outside.
+ * Half-edge k of triangle t (from corner k to k + 1) -> the half-edge it runs against, or -1 at borders and where neighbours disagree about
+ * which side is outside. Where more than two triangles meet, as where clustering has folded a thin part together, those that bend least belong
+ * together.
  */
-function pairEdges(welded, corners) {
-  const twin = new Int32Array(corners).fill(-1);
+function pairEdges(welded, faces) {
+  const corners = welded.length;
   const table = new PairTable(corners);
-  const uses = new Uint8Array(corners); // at the first half-edge of each edge
+  const last = new Int32Array(corners).fill(-1); // at the first half-edge of an edge: the newest of its others
+  const before = new Int32Array(corners).fill(-1); // the one that came before
+  const uses = new Uint32Array(corners);
   for (let h = 0; h < corners; h++) {
     const a = welded[h];
     const b = welded[next(h)];
     const first = table.find(Math.min(a, b), Math.max(a, b), h);
-    if (uses[first] < 3) uses[first]++;
-    if (first === h) continue;
-    if (uses[first] === 2 && a !== b && welded[first] === b) {
-      twin[first] = h;
-      twin[h] = first;
-    } else if (uses[first] > 2 && twin[first] >= 0) {
-      twin[twin[first]] = -1;
-      twin[first] = -1;
+    uses[first]++;
+    if (first === h || a === b) continue;
+    before[h] = last[first];
+    last[first] = h;
+  }
+  const twin = new Int32Array(corners).fill(-1);
+  for (let h = 0; h < corners; h++) {
+    if (uses[h] === 2 && last[h] >= 0) {
+      if (welded[h] === welded[next(last[h])]) {
+        twin[h] = last[h];
+        twin[last[h]] = h;
+      }
+    } else if (uses[h] > 2) {
+      pairCrowded(h, last, before, welded, faces, twin);
     }
   }
-  return twin;
+  // Folds say nothing about how the surface bends: only edges of two triangles do.
+  return { twin, plain: (h) => uses[h] === 2 };
+}
+
+/* More triangles on one edge than this are no surface; each is left to itself. */
+const CROWD_MAX = 16;
+
+function pairCrowded(first, last, before, welded, faces, twin) {
+  const crowd = [first];
+  for (let h = last[first]; h >= 0; h = before[h]) crowd.push(h);
+  if (crowd.length > CROWD_MAX) return;
+  const pairs = [];
+  for (const h of crowd) {
+    for (const g of crowd) if (h < g && welded[h] === welded[next(g)]) pairs.push([h, g, bendCosine(faces, h, g)]);
+  }
+  pairs.sort((x, y) => y[2] - x[2] || x[0] - y[0] || x[1] - y[1]);
+  for (const [h, g] of pairs) {
+    if (twin[h] >= 0 || twin[g] >= 0) continue;
+    twin[h] = g;
+    twin[g] = h;
+  }
 }
 
 /** Pairs of numbers -> the value that was first given for the pair; open addressing, for at most `count` pairs. */
@@ -185,11 +216,11 @@ function bendCosine(faces, h, g) {
   return faces[a] * faces[b] + faces[a + 1] * faces[b + 1] + faces[a + 2] * faces[b + 2];
 }
 
-function edgeBends(positions, triangles, faces, twin) {
+function edgeBends(positions, triangles, faces, twin, plain) {
   const bends = [];
   const step = Math.max(1, Math.floor(twin.length / 30000)); // a median needs no more
   for (let h = 0; h < twin.length; h += step) {
-    if (twin[h] < 0) continue;
+    if (twin[h] < 0 || !plain(h)) continue;
     const a = triangles[h] * 3;
     const b = triangles[next(h)] * 3;
     const length = Math.hypot(positions[b] - positions[a], positions[b + 1] - positions[a + 1], positions[b + 2] - positions[a + 2]);

@@ -48,7 +48,7 @@ export class Chart {
       this.text('bytes', (BOX.left + BOX.right) / 2, BOX.bottom + 14, 'middle');
       this.text(formatBytes(most), x(most) + 4, BOX.bottom + 14, 'end');
     }
-    for (const value of ends(errors)) this.text(formatUnits(value), BOX.left - 4, y(value) + 3, 'end');
+    for (const value of ends(errors)) this.text(shortUnits(value), BOX.left - 4, y(value) + 3, 'end');
   }
 
   dot(level, [cx, cy]) {
@@ -103,6 +103,12 @@ export class Chart {
     parent.append(element);
     return element;
   }
+}
+
+/** At most six letters, which is what the margin holds. */
+function shortUnits(value) {
+  const text = formatUnits(value);
+  return text.length <= 6 ? text : value.toExponential(1).replace('e+', 'e');
 }
 
 function ends(values) {

@@ -28,7 +28,7 @@ export class View {
     this.options = options;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: 'high-performance' });
     this.renderer.toneMapping = NeutralToneMapping;
-    this.renderer.toneMappingExposure = 1.15;
+    this.renderer.toneMappingExposure = 0.95;
     this.renderer.setClearColor(0x000000, 0);
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(FOV, 1, 0.01, 100);
