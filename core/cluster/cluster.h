@@ -74,7 +74,8 @@ struct lod_cluster_settings {
  * paper's own are cube, heaviest or nearest in order, and centre. */
 struct lod_cluster_settings lod_cluster_defaults(void);
 
-/* Graded and sorted units, ready for any number of levels. */
+/* Graded and sorted units, ready for any number of levels: about 40 bytes a source triangle of a closed mesh; making a level takes some 40
+ * more while it lasts. */
 struct lod_cluster;
 
 /* Grades, sorts and indexes. `units` (not owned) must outlive the result, which lives in `arena`. settings NULL = defaults; `cells` is not

@@ -14,35 +14,31 @@
 
 static const double kRegular = 1e-3;
 
-/* x' A x - 2 b x about the cell's centre, and the mean of the vertices. */
+/* x' A x - 2 b x about the cell's centre, and the mean of the vertices. Float is enough to steer where a representative stands, and the
+ * sums of a cell are sums of sums of runs. */
 struct moments {
-  double a[6]; /* xx xy xz yy yz zz */
-  double b[3];
-  double mean[3], weight;
+  float a[6]; /* xx xy xz yy yz zz */
+  float b[3];
+  float mean[3], weight;
 };
 
 static struct lod_vec3 working_position(const struct cluster_unit *unit, uint32_t v) {
   return lod_vec3_make((double)unit->x[v], (double)unit->y[v], (double)unit->z[v]);
 }
 
-/* Sums over a run of neighbouring vertices of one cell, in float: a run is short, and near its cell's centre. */
-struct run {
-  float a[6], b[3], mean[3], weight;
-};
-
-static void end_run(struct moments *m, struct run *run) {
+static void end_run(struct moments *m, struct moments *run) {
   for (int i = 0; i < 6; i++)
-    m->a[i] += (double)run->a[i];
+    m->a[i] += run->a[i];
   for (int axis = 0; axis < 3; axis++) {
-    m->b[axis] += (double)run->b[axis];
-    m->mean[axis] += (double)run->mean[axis];
+    m->b[axis] += run->b[axis];
+    m->mean[axis] += run->mean[axis];
   }
-  m->weight += (double)run->weight;
-  *run = (struct run){0};
+  m->weight += run->weight;
+  *run = (struct moments){0};
 }
 
 static void add_vertices(const struct cluster_unit *unit, const struct cluster_cells *cells, bool quadric, struct moments *moments) {
-  struct run run = {0};
+  struct moments run = {0};
   enum { LONGEST = 64 };
   for (uint32_t v = 0, since = 0; v < unit->count; v++) {
     uint32_t cell = cells->image[v], centre = cells->centre[cell];
@@ -72,17 +68,17 @@ static void add_vertices(const struct cluster_unit *unit, const struct cluster_c
 
 /* The minimiser, drawn to the mean in the directions that the planes leave open. */
 static void minimise(const struct moments *m, double x[3]) {
-  const double *p = m->mean;
-  memcpy(x, p, sizeof m->mean);
-  double trace = m->a[0] + m->a[3] + m->a[5];
+  const double p[3] = {(double)m->mean[0], (double)m->mean[1], (double)m->mean[2]};
+  memcpy(x, p, sizeof p);
+  double trace = (double)m->a[0] + (double)m->a[3] + (double)m->a[5];
   if (!(trace > 0))
     return;
   double scale = 1 / trace, a[6], r[3];
   for (int i = 0; i < 6; i++)
-    a[i] = m->a[i] * scale;
-  r[0] = m->b[0] * scale - (a[0] * p[0] + a[1] * p[1] + a[2] * p[2]);
-  r[1] = m->b[1] * scale - (a[1] * p[0] + a[3] * p[1] + a[4] * p[2]);
-  r[2] = m->b[2] * scale - (a[2] * p[0] + a[4] * p[1] + a[5] * p[2]);
+    a[i] = (double)m->a[i] * scale;
+  r[0] = (double)m->b[0] * scale - (a[0] * p[0] + a[1] * p[1] + a[2] * p[2]);
+  r[1] = (double)m->b[1] * scale - (a[1] * p[0] + a[3] * p[1] + a[4] * p[2]);
+  r[2] = (double)m->b[2] * scale - (a[2] * p[0] + a[4] * p[1] + a[5] * p[2]);
   a[0] += kRegular;
   a[3] += kRegular;
   a[5] += kRegular;
@@ -123,11 +119,9 @@ static enum lod_status move_representatives(const struct cluster_unit *unit, con
   bool quadric = settings->representative == LOD_CLUSTER_QUADRIC;
   add_vertices(unit, cells, quadric, moments);
   for (uint32_t c = 0; c < cells->count; c++) {
-    double x[3];
+    double x[3] = {(double)moments[c].mean[0], (double)moments[c].mean[1], (double)moments[c].mean[2]};
     if (quadric)
       minimise(&moments[c], x);
-    else
-      memcpy(x, moments[c].mean, sizeof x);
     struct lod_vec3 centre = working_position(unit, cells->centre[c]);
     if (settings->assignment == LOD_CLUSTER_UNIFORM)
       clamp_to_grid(unit, cells->cell, centre, x);
