@@ -35,7 +35,7 @@ LDFLAGS := -pthread $(FLAGS_$(config))
 
 # Libraries by what links them; lodestreamd links no geometry and no codec.
 LIBS_daemon := -lmicrohttpd -lgnutls -lsqlite3 -ljansson -lnettle -lz -lm
-LIBS_codec := -ldraco -ltinygltf -lassimp -lpng -lz -lstdc++
+LIBS_codec := -ldraco -lassimp -lpng -lz -lstdc++
 LIBS_tool := $(LIBS_codec) -ljansson -lnettle -lcurl -lseccomp -lm
 LIBS_test := -lcmocka $(LIBS_codec) -lmicrohttpd -lgnutls -lsqlite3 -ljansson -lnettle -lcurl -lseccomp -lz -lm
 LIBS_bench := -lmeshoptimizer

@@ -19,7 +19,8 @@ static int run(int argc, char **argv);
 static const struct cli_option kOptions[] = {
     {"output", 'o', "DIR", "Where manifest.json and objects/ go; made when it is not there. Required."},
     {"family", 'f', "NAME", "A family of levels to bake; may be given several times. Default: cluster."},
-    {"epsilon", 'e', "X|X%", "An error to meet, in model units or in percent of the diagonal; may be given several times. Default: a ladder."},
+    {"epsilon", 'e', "X|X%",
+     "An error to meet, in model units or in percent of the diagonal; may be given several times. Default: a ladder."},
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
@@ -104,7 +105,8 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
       return cli_usage(&cli_bake, "--epsilon was given more than %d times", LOD_BAKE_MAX_LIST);
     uint32_t i = request->epsilon_count++;
     if (!parse_epsilon(value, &request->epsilons[i], &request->epsilon_relative[i]))
-      return cli_usage(&cli_bake, "--epsilon %s: expected a number of model units or a percentage of the diagonal, 0 or more, such as 0.25%%", value);
+      return cli_usage(&cli_bake,
+                       "--epsilon %s: expected a number of model units or a percentage of the diagonal, 0 or more, such as 0.25%%", value);
   } else if (strcmp(option->name, "format") == 0) {
     request->format = value;
   } else if (strcmp(option->name, "id") == 0) {
@@ -133,7 +135,7 @@ static void print_summary(int directory_fd, const char *directory, bool json) {
     size_t i;
     json_t *warning;
     json_array_foreach(json_object_get(json_object_get(manifest, "bake"), "warnings"), i, warning)
-      printf("warning: %s\n", json_string_value(warning));
+        printf("warning: %s\n", json_string_value(warning));
   }
   json_decref(manifest);
 }

@@ -109,8 +109,8 @@ const struct cli_option *cli_next(struct cli_arguments *a, const char **value) {
 
 int cli_problem(const struct lod_problem *problem, bool json) {
   if (json) {
-    json_t *object = json_pack("{s{ss ss ss}}", "problem", "status", lod_status_name(problem->status), "type", problem->type, "detail",
-                               problem->detail);
+    json_t *object =
+        json_pack("{s{ss ss ss}}", "problem", "status", lod_status_name(problem->status), "type", problem->type, "detail", problem->detail);
     if (object != NULL) {
       json_dumpf(object, stdout, JSON_COMPACT);
       printf("\n");

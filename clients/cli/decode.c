@@ -52,13 +52,15 @@ static int run(int argc, char **argv) {
   struct lod_mesh mesh;
   double rounding;
   struct lod_arena *arena = lod_arena_create(0);
-  enum lod_status status = arena == NULL ? lod_fail_memory(&problem) : cli_import(arguments.operands[0], NULL, arena, &model, &file, &problem);
+  enum lod_status status =
+      arena == NULL ? lod_fail_memory(&problem) : cli_import(arguments.operands[0], NULL, arena, &model, &file, &problem);
   if (status == LOD_OK)
     status = lod_model_flatten(&model, arena, &mesh, &rounding, &problem);
   if (status == LOD_OK)
     status = write_ply(&mesh, output, &problem);
   if (status == LOD_OK && arguments.json)
-    printf("{\"vertices\":%u,\"triangles\":%u,\"edges\":%u,\"points\":%u}\n", mesh.vertex_count, mesh.triangle_count, mesh.edge_count, mesh.point_count);
+    printf("{\"vertices\":%u,\"triangles\":%u,\"edges\":%u,\"points\":%u}\n", mesh.vertex_count, mesh.triangle_count, mesh.edge_count,
+           mesh.point_count);
   cli_file_close(&file);
   lod_arena_destroy(arena);
   return status == LOD_OK ? CLI_DONE : cli_problem(&problem, arguments.json);

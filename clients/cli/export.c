@@ -45,8 +45,9 @@ static int run(int argc, char **argv) {
     return cli_usage(&cli_export, "-o OUT is missing");
   struct lod_problem problem = {0};
   int directory_fd = open(arguments.operands[0], O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  enum lod_status status = directory_fd >= 0 ? lod_export_static(directory_fd, output, viewer, &problem)
-                                             : lod_fail(&problem, LOD_IO, "cannot-open", "Cannot open %s: %s.", arguments.operands[0], strerror(errno));
+  enum lod_status status = directory_fd >= 0
+                               ? lod_export_static(directory_fd, output, viewer, &problem)
+                               : lod_fail(&problem, LOD_IO, "cannot-open", "Cannot open %s: %s.", arguments.operands[0], strerror(errno));
   if (directory_fd >= 0)
     close(directory_fd);
   if (status != LOD_OK)

@@ -48,9 +48,9 @@ void cli_print_topology(const struct lod_topology *t) {
     uint32_t count;
     const char *what;
   } wrongs[] = {
-      {t->non_manifold_edges, "non-manifold edges"},       {t->non_manifold_vertices, "non-manifold vertices"},
-      {t->misoriented_edges, "misoriented edges"},         {t->degenerate_triangles, "degenerate triangles"},
-      {t->zero_area_triangles, "triangles without area"},  {t->duplicate_triangles, "duplicate triangles"},
+      {t->non_manifold_edges, "non-manifold edges"},      {t->non_manifold_vertices, "non-manifold vertices"},
+      {t->misoriented_edges, "misoriented edges"},        {t->degenerate_triangles, "degenerate triangles"},
+      {t->zero_area_triangles, "triangles without area"}, {t->duplicate_triangles, "duplicate triangles"},
   };
   for (size_t i = 0; i < sizeof wrongs / sizeof wrongs[0]; i++)
     if (wrongs[i].count != 0)

@@ -63,7 +63,8 @@ static size_t receive_body(char *bytes, size_t size, size_t count, void *context
 }
 
 static size_t receive_header(char *bytes, size_t size, size_t count, void *context) {
-  static const char *const kWanted[] = {"lod-family", "lod-level", "lod-error", "lod-screen-error", "lod-triangles", "content-location", "etag"};
+  static const char *const kWanted[] = {"lod-family",    "lod-level",        "lod-error", "lod-screen-error",
+                                        "lod-triangles", "content-location", "etag"};
   struct answer *answer = context;
   size_t length = size * count;
   const char *colon = memchr(bytes, ':', length);
@@ -178,9 +179,14 @@ static int fetch(CURL *curl, const char *url, const char *token_path, const char
 
 static int run(int argc, char **argv) {
   /* Option names and the query's names. */
-  static const char *const kQuery[][2] = {{"px", "px"},       {"distance", "distance"},   {"fov", "fov"},
-                                          {"height", "height"}, {"error", "error"},       {"max-bytes", "max_bytes"},
-                                          {"max-triangles", "max_triangles"}, {"family", "family"}};
+  static const char *const kQuery[][2] = {{"px", "px"},
+                                          {"distance", "distance"},
+                                          {"fov", "fov"},
+                                          {"height", "height"},
+                                          {"error", "error"},
+                                          {"max-bytes", "max_bytes"},
+                                          {"max-triangles", "max_triangles"},
+                                          {"family", "family"}};
   struct cli_arguments arguments = {.command = &cli_get, .argc = argc, .argv = argv};
   const char *output = NULL, *token = NULL, *value = NULL;
   const char *query[sizeof kQuery / sizeof kQuery[0]] = {NULL};

@@ -58,10 +58,10 @@ static enum lod_status inspect_model(const struct request *request, struct lod_a
     json_t *warnings = json_array();
     for (uint32_t i = 0; i < model.warning_count; i++)
       json_array_append_new(warnings, json_string(model.warnings[i]));
-    json_t *json = json_pack("{ss sI sI si si si si sf so so}", "format", model.format, "vertices", (json_int_t)model.source_vertices, "triangles",
-                             (json_int_t)model.source_triangles, "parts", (int)model.part_count, "materials", (int)model.material_count, "textures",
-                             (int)model.texture_count, "images", (int)model.image_count, "diagonal", lod_bounds_diagonal(&bounds), "units", units,
-                             "warnings", warnings);
+    json_t *json = json_pack("{ss sI sI si si si si sf so so}", "format", model.format, "vertices", (json_int_t)model.source_vertices,
+                             "triangles", (json_int_t)model.source_triangles, "parts", (int)model.part_count, "materials",
+                             (int)model.material_count, "textures", (int)model.texture_count, "images", (int)model.image_count, "diagonal",
+                             lod_bounds_diagonal(&bounds), "units", units, "warnings", warnings);
     units = NULL;
     json_dumpf(json, stdout, JSON_COMPACT | JSON_REAL_PRECISION(9));
     printf("\n");
@@ -96,7 +96,8 @@ static void print_levels(const json_t *manifest) {
     json_array_foreach(json_object_get(family, "levels"), i, level) {
       char t[32], e[32], p[32], v[32], b[32];
       double error = json_number_value(json_object_get(level, "error"));
-      printf("  %5zu %10s %8s %8s %9s  %12.6g  %13.4f  %10s\n", i, cli_count((uint64_t)json_integer_value(json_object_get(level, "triangles")), t),
+      printf("  %5zu %10s %8s %8s %9s  %12.6g  %13.4f  %10s\n", i,
+             cli_count((uint64_t)json_integer_value(json_object_get(level, "triangles")), t),
              cli_count((uint64_t)json_integer_value(json_object_get(level, "edges")), e),
              cli_count((uint64_t)json_integer_value(json_object_get(level, "points")), p),
              cli_count((uint64_t)json_integer_value(json_object_get(level, "vertices")), v), error, 100 * error / diagonal,
@@ -105,7 +106,8 @@ static void print_levels(const json_t *manifest) {
   }
 }
 
-static enum lod_status draw_level(const struct request *request, const json_t *manifest, struct lod_arena *arena, struct lod_problem *problem) {
+static enum lod_status draw_level(const struct request *request, const json_t *manifest, struct lod_arena *arena,
+                                  struct lod_problem *problem) {
   json_t *families = json_object_get(manifest, "families");
   const char *name = request->family != NULL ? request->family : json_object_iter_key(json_object_iter(families));
   json_t *levels = name == NULL ? NULL : json_object_get(json_object_get(families, name), "levels");
@@ -139,13 +141,15 @@ static enum lod_status inspect_bake(const struct request *request, struct lod_ar
     const json_t *source = json_object_get(manifest, "source");
     char a[32], b[32];
     printf("%s: %s from %s, %s vertices, %s triangles, diagonal %.6g\n", request->path, json_string_value(json_object_get(manifest, "id")),
-           json_string_value(json_object_get(source, "name")), cli_count((uint64_t)json_integer_value(json_object_get(source, "vertices")), a),
-           cli_count((uint64_t)json_integer_value(json_object_get(source, "triangles")), b), json_number_value(json_object_get(source, "diagonal")));
+           json_string_value(json_object_get(source, "name")),
+           cli_count((uint64_t)json_integer_value(json_object_get(source, "vertices")), a),
+           cli_count((uint64_t)json_integer_value(json_object_get(source, "triangles")), b),
+           json_number_value(json_object_get(source, "diagonal")));
     print_levels(manifest);
     size_t i;
     json_t *warning;
     json_array_foreach(json_object_get(json_object_get(manifest, "bake"), "warnings"), i, warning)
-      printf("warning: %s\n", json_string_value(warning));
+        printf("warning: %s\n", json_string_value(warning));
   }
   if (request->picture != NULL)
     status = draw_level(request, manifest, arena, problem);
@@ -184,7 +188,7 @@ static int run(int argc, char **argv) {
   bool is_directory = stat(request.path, &st) == 0 && S_ISDIR(st.st_mode);
   struct lod_problem problem = {0};
   struct lod_arena *arena = lod_arena_create(0);
-  enum lod_status status = arena == NULL ? lod_fail_memory(&problem)
+  enum lod_status status = arena == NULL  ? lod_fail_memory(&problem)
                            : is_directory ? inspect_bake(&request, arena, &problem)
                                           : inspect_model(&request, arena, &problem);
   lod_arena_destroy(arena);

@@ -15,13 +15,15 @@ typedef void lod_parallel_body(void *context, size_t begin, size_t end, size_t c
 void lod_parallel_for(uint32_t threads, size_t count, size_t grain, lod_parallel_body *body, void *context);
 
 /* Number of chunks that lod_parallel_for makes. */
-static inline size_t lod_parallel_chunks(size_t count, size_t grain) { return count / grain + (count % grain != 0); }
+static inline size_t lod_parallel_chunks(size_t count, size_t grain) {
+  return count / grain + (count % grain != 0);
+}
 
 /* Where a long job tells how far it is and asks whether to go on. A NULL pointer to it, or NULL functions, mean nobody asks. */
 struct lod_progress {
   void (*report)(void *context, const char *stage, double fraction); /* stage: static text; fraction in [0, 1] */
-  bool (*cancelled)(void *context);                                 /* may be called from any thread */
-  void *context;                                                    /* not owned */
+  bool (*cancelled)(void *context);                                  /* may be called from any thread */
+  void *context;                                                     /* not owned */
 };
 
 void lod_progress_report(const struct lod_progress *progress, const char *stage, double fraction);

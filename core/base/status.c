@@ -16,7 +16,8 @@ enum lod_status lod_fail(struct lod_problem *problem, enum lod_status status, co
 }
 
 enum lod_status lod_fail_memory(struct lod_problem *problem) {
-  return lod_fail(problem, LOD_MEMORY, "out-of-memory", "The job needs more memory than it may use. Raise the memory limit or send a smaller model.");
+  return lod_fail(problem, LOD_MEMORY, "out-of-memory",
+                  "The job needs more memory than it may use. Raise the memory limit or send a smaller model.");
 }
 
 const char *lod_status_name(enum lod_status status) {

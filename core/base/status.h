@@ -25,7 +25,7 @@ struct lod_problem {
 /* Fills `problem` (NULL: only returns) and returns `status`. Keeps the first problem: a problem already filled is left alone.
  * `type` and the formatted sentence are truncated to fit. */
 __attribute__((format(printf, 4, 5))) enum lod_status lod_fail(struct lod_problem *problem, enum lod_status status, const char *type,
-                                                              const char *format, ...);
+                                                               const char *format, ...);
 
 /* LOD_MEMORY with the standard sentence. */
 enum lod_status lod_fail_memory(struct lod_problem *problem);
@@ -35,11 +35,11 @@ const char *lod_status_name(enum lod_status status);
 
 #define LOD_WARN_UNUSED __attribute__((warn_unused_result))
 
-#define LOD_TRY(expression)                        \
-  do {                                             \
-    enum lod_status lod_try_status = (expression); \
-    if (lod_try_status != LOD_OK)                  \
-      return lod_try_status;                       \
+#define LOD_TRY(expression)                                                                                                                \
+  do {                                                                                                                                     \
+    enum lod_status lod_try_status = (expression);                                                                                         \
+    if (lod_try_status != LOD_OK)                                                                                                          \
+      return lod_try_status;                                                                                                               \
   } while (0)
 
 #endif

@@ -7,9 +7,12 @@
 /* Bound on the rounding of a computed distance between points whose coordinates are at most `magnitude` in absolute value: a certified
  * bound is widened, and a tested radius narrowed, by this much. 64 u L with u = 2^-53 covers the about 30 roundings of a point-triangle
  * distance in double (each at most u relative to L). */
-static inline double lod_tolerance_rounding(double magnitude) { return 64 * 0x1p-53 * magnitude; }
+static inline double lod_tolerance_rounding(double magnitude) {
+  return 64 * 0x1p-53 * magnitude;
+}
 
-/* A crease is an edge whose faces' normals differ by more than this (degrees), unless the caller says otherwise (Turk 1992, 2.1.4 of the checklist). */
+/* A crease is an edge whose faces' normals differ by more than this (degrees), unless the caller says otherwise (Turk 1992, 2.1.4 of the
+ * checklist). */
 #define LOD_TOLERANCE_CREASE_DEGREES 40.0
 
 /* Slack that a measured distance interval closes to: upper - lower <= 1 % of lower. */

@@ -11,7 +11,8 @@ struct lod_level {
   /* Per unit: source vertex -> level vertex that stands for it, or LOD_NONE; NULL when the family has no such map. When a unit has it,
    * every source triangle's image (triangle, segment or point) is part of the level, so max |v - image(v)| bounds both directions. */
   uint32_t *const *images;
-  /* Per unit: source triangle -> level primitive (bvh.h numbering) it became or lies near, or LOD_NONE; or NULL. Hints for certification. */
+  /* Per unit: source triangle -> level primitive (bvh.h numbering) it became or lies near, or LOD_NONE; or NULL. Hints for certification.
+   */
   uint32_t *const *nearby;
   /* Per unit: level vertex -> vertex of the next finer level emitted before (nested families); or NULL. */
   uint32_t *const *parents;

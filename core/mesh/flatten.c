@@ -68,7 +68,8 @@ static bool allocate(const struct totals *t, struct lod_arena *arena, struct lod
                             .wedge_count = attributes ? (uint32_t)t->wedges : 0};
   bool ok = (mesh->positions = lod_arena_alloc(arena, t->vertices, sizeof *mesh->positions)) != NULL &&
             (mesh->triangles = lod_arena_alloc(arena, t->triangles, sizeof *mesh->triangles)) != NULL &&
-            (mesh->materials = LOD_NEW(arena, t->triangles, uint32_t)) != NULL && (mesh->parts = LOD_NEW(arena, t->triangles, uint32_t)) != NULL &&
+            (mesh->materials = LOD_NEW(arena, t->triangles, uint32_t)) != NULL &&
+            (mesh->parts = LOD_NEW(arena, t->triangles, uint32_t)) != NULL &&
             (mesh->edges = lod_arena_alloc(arena, t->edges, sizeof *mesh->edges)) != NULL &&
             (mesh->points = LOD_NEW(arena, t->points, uint32_t)) != NULL;
   ok = ok && (!t->edge_thickness || (mesh->edge_thickness = LOD_NEW_ZERO(arena, t->edges, float)) != NULL);
@@ -89,7 +90,8 @@ static void transform_normal(const double m[16], const float in[3], float out[3]
   struct lod_vec3 x = {m[0], m[1], m[2]}, y = {m[4], m[5], m[6]}, z = {m[8], m[9], m[10]};
   struct lod_vec3 a = lod_vec3_cross(y, z), b = lod_vec3_cross(z, x), c = lod_vec3_cross(x, y);
   double sign = lod_vec3_dot(x, a) < 0 ? -1 : 1;
-  struct lod_vec3 n = lod_vec3_add(lod_vec3_add(lod_vec3_scale(a, (double)in[0]), lod_vec3_scale(b, (double)in[1])), lod_vec3_scale(c, (double)in[2]));
+  struct lod_vec3 n =
+      lod_vec3_add(lod_vec3_add(lod_vec3_scale(a, (double)in[0]), lod_vec3_scale(b, (double)in[1])), lod_vec3_scale(c, (double)in[2]));
   lod_vec3_to_float(lod_vec3_normalize(lod_vec3_scale(n, sign)), out);
 }
 
@@ -181,7 +183,8 @@ enum lod_status lod_model_flatten(const struct lod_model *model, struct lod_aren
     struct totals totals = add_up(placements, count);
     const uint64_t most = UINT32_MAX - 2;
     if (totals.vertices > most || totals.triangles > most || totals.wedges > most || totals.edges > most || totals.points > most)
-      status = lod_fail(problem, LOD_LIMIT, "limit-instances", "The instances of the model add up to more than 2^32 vertices or triangles.");
+      status =
+          lod_fail(problem, LOD_LIMIT, "limit-instances", "The instances of the model add up to more than 2^32 vertices or triangles.");
     else if (!allocate(&totals, arena, mesh))
       status = lod_fail_memory(problem);
   }

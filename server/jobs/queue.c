@@ -332,8 +332,8 @@ static char *job_payload(const struct lod_jobs *jobs, const struct job *job) {
       json_array_append_new(families, json_stringn(name, length));
     name += length + (name[length] != '\0');
   }
-  json_t *root = json_pack("{s:s, s:s, s:s, s:s?, s:o, s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format", job->format,
-                           "families", families, "threads", (int)jobs->settings.threads, "limits", limits);
+  json_t *root = json_pack("{s:s, s:s, s:s, s:s?, s:o, s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format",
+                           job->format, "families", families, "threads", (int)jobs->settings.threads, "limits", limits);
   char *text = root == NULL ? NULL : json_dumps(root, JSON_COMPACT);
   json_decref(root);
   return text;

@@ -20,15 +20,18 @@
 static const double kSourcePrecision[] = {1e-5, 1e-4};
 enum { SOURCE_LEVELS = sizeof kSourcePrecision / sizeof kSourcePrecision[0] };
 
-/* A family with the settings that a request asks of it, made in `arena`; settings NULL: the levels of the source itself meet the request. */
+/* A family with the settings that a request asks of it, made in `arena`; settings NULL: the levels of the source itself meet the request.
+ */
 struct recipe {
   const struct lod_family *family;
   bool by_default;
   enum lod_status (*settings)(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
 };
 
-static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
-static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
+static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                        const void **settings);
+static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                         const void **settings);
 
 static const struct recipe kRecipes[] = {
     {&lod_cluster_family, true, cluster_settings},
@@ -63,7 +66,8 @@ static uint32_t requested_errors(const struct lod_bake_request *request, double 
 }
 
 /* A cell whose half diagonal is three quarters of the error leaves the last quarter to quantisation. */
-static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings) {
+static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                        const void **settings) {
   struct lod_cluster_settings *cluster = LOD_NEW(arena, 1, struct lod_cluster_settings);
   double *cells = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
   if (cluster == NULL || cells == NULL)
@@ -109,9 +113,8 @@ struct bake {
   uint32_t level_arena_count;
 };
 
-
-
-static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings) {
+static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                         const void **settings) {
   struct lod_envelope_settings *envelope = LOD_NEW(arena, 1, struct lod_envelope_settings);
   double *epsilons = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
   if (envelope == NULL || epsilons == NULL)
@@ -147,8 +150,8 @@ static enum lod_status choose_families(struct bake *bake) {
       char names[128] = "";
       for (k = 0; k < RECIPE_COUNT; k++)
         snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s", k == 0 ? "" : ", ", kRecipes[k].family->name);
-      return lod_fail(bake->problem, LOD_UNSUPPORTED, "unknown-family", "There is no family \"%s\"; this version bakes: %s.", request->families[i],
-                      names);
+      return lod_fail(bake->problem, LOD_UNSUPPORTED, "unknown-family", "There is no family \"%s\"; this version bakes: %s.",
+                      request->families[i], names);
     }
     chosen[k] = true;
   }
@@ -199,7 +202,8 @@ static enum lod_status write_images(struct bake *bake) {
   if (bake->image_objects == NULL || uris == NULL)
     return lod_fail_memory(bake->problem);
   for (uint32_t i = 0; i < model->image_count; i++) {
-    LOD_TRY(lod_output_object(bake->request->directory_fd, model->images[i].bytes, model->images[i].size, bake->image_objects[i], bake->problem));
+    LOD_TRY(lod_output_object(bake->request->directory_fd, model->images[i].bytes, model->images[i].size, bake->image_objects[i],
+                              bake->problem));
     uris[i] = bake->image_objects[i];
   }
   bake->baker.image_uris = uris;
@@ -216,7 +220,8 @@ static enum lod_status prepare_baker(struct bake *bake) {
   if (baker->source_bvhs == NULL)
     return lod_fail_memory(bake->problem);
   if (!(baker->diagonal > 0))
-    return lod_fail(bake->problem, LOD_BAD_INPUT, "zero-size", "%s: all vertices lie at one point; a model needs an extent.", bake->request->name);
+    return lod_fail(bake->problem, LOD_BAD_INPUT, "zero-size", "%s: all vertices lie at one point; a model needs an extent.",
+                    bake->request->name);
   for (uint32_t u = 0; u < bake->model.unit_count; u++)
     if (lod_bvh_create(&bake->model.units[u].mesh, bake->request->threads, bake->arena, &baker->source_bvhs[u]) != LOD_OK)
       return lod_fail_memory(bake->problem);
@@ -370,8 +375,8 @@ static enum lod_status gather_levels(struct bake *bake, uint32_t index, struct f
   }
   if (settings == NULL)
     return LOD_OK;
-  return family->family->build(bake->model.units, bake->model.unit_count, settings, bake->request->progress, bake->arena, receive_level, job,
-                               bake->problem);
+  return family->family->build(bake->model.units, bake->model.unit_count, settings, bake->request->progress, bake->arena, receive_level,
+                               job, bake->problem);
 }
 
 static enum lod_status build_family(struct bake *bake, uint32_t index) {

@@ -75,7 +75,8 @@ static enum lod_status match_vertices(const struct lod_mesh *level, const struct
   double cell = 2 * radius;
   for (uint32_t v = 0; v < decoded->vertex_count; v++) {
     const float *p = decoded->positions[v];
-    index_map_add(&map, hash_cell(llround(floor((double)p[0] / cell)), llround(floor((double)p[1] / cell)), llround(floor((double)p[2] / cell))), v);
+    index_map_add(
+        &map, hash_cell(llround(floor((double)p[0] / cell)), llround(floor((double)p[1] / cell)), llround(floor((double)p[2] / cell))), v);
   }
   for (uint32_t v = 0; v < level->vertex_count; v++) {
     struct lod_vec3 p = lod_vec3_from_float(level->positions[v]);
@@ -217,7 +218,8 @@ static bool map_image(const struct lod_certify_request *request, const uint32_t 
 }
 
 /* The decoded primitive that the family says lies near source primitive s, or LOD_NONE. */
-static uint32_t find_nearby(const struct lod_certify_request *request, const uint32_t *matched, const struct primitive_lookup *lookup, uint32_t s) {
+static uint32_t find_nearby(const struct lod_certify_request *request, const uint32_t *matched, const struct primitive_lookup *lookup,
+                            uint32_t s) {
   if (request->nearby == NULL || s >= request->source->triangle_count || request->nearby[s] >= primitive_count(request->level))
     return LOD_NONE;
   uint32_t v[3];
@@ -263,7 +265,8 @@ static enum lod_status carry_maps(const struct lod_certify_request *request, str
     primitive_vertices(source, s, v);
     bool known = map_image(request, matched, v, set);
     for (int k = 0; known && k < 3; k++)
-      moved = fmax(moved, lod_vec3_distance_squared(lod_vec3_from_float(source->positions[v[k]]), lod_vec3_from_float(decoded->positions[set[k]])));
+      moved = fmax(
+          moved, lod_vec3_distance_squared(lod_vec3_from_float(source->positions[v[k]]), lod_vec3_from_float(decoded->positions[set[k]])));
     int size = known ? vertex_set(set) : 0;
     uint32_t found = known ? lookup_find(&lookup, set, size) : LOD_NONE;
     if (found == LOD_NONE) {

@@ -21,6 +21,7 @@ struct lod_certify_request {
 
 /* The interval of the two-sided Hausdorff distance between source and decoded. Always valid: the family's maps only make it quick, each
  * fact taken from them is checked against the decoded mesh first. */
-LOD_WARN_UNUSED enum lod_status lod_certify_unit(const struct lod_certify_request *request, struct lod_arena *arena, struct lod_distance *distance);
+LOD_WARN_UNUSED enum lod_status lod_certify_unit(const struct lod_certify_request *request, struct lod_arena *arena,
+                                                 struct lod_distance *distance);
 
 #endif

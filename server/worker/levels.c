@@ -36,8 +36,8 @@ static enum lod_status certify(const struct lod_level_baker *baker, const struct
   return LOD_OK;
 }
 
-static void count_figures(const struct lod_model *model, const struct lod_mesh *meshes, const double *unit_errors, struct lod_arena *scratch,
-                          struct lod_baked_level *baked) {
+static void count_figures(const struct lod_model *model, const struct lod_mesh *meshes, const double *unit_errors,
+                          struct lod_arena *scratch, struct lod_baked_level *baked) {
   baked->vertices = baked->triangles = baked->edges = baked->points = 0;
   memset(baked->parts, 0, model->part_count * sizeof *baked->parts);
   for (uint32_t p = 0; p < model->part_count; p++)
@@ -69,8 +69,8 @@ static void count_figures(const struct lod_model *model, const struct lod_mesh *
 }
 
 /* One attempt at one precision. */
-static enum lod_status encode(const struct lod_level_baker *baker, const struct lod_level *level, double position_error, struct lod_arena *arena,
-                              struct lod_baked_level *baked, struct lod_problem *problem) {
+static enum lod_status encode(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
+                              struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem) {
   const struct lod_model *model = baker->model;
   struct lod_glb_settings settings = lod_glb_defaults();
   settings.position_error = position_error;
@@ -96,8 +96,8 @@ static enum lod_status encode(const struct lod_level_baker *baker, const struct 
   return status;
 }
 
-enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct lod_level *level, double position_error, struct lod_arena *arena,
-                               struct lod_baked_level *baked, struct lod_problem *problem) {
+enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
+                               struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem) {
   /* A level's certified error is mostly 0.4 to 0.6 of its family's bound: this is right the first time. */
   double quantisation = position_error > 0 ? position_error : 0.1 * level->bound;
   double least = 1e-6 * baker->diagonal;

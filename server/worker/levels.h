@@ -19,15 +19,15 @@ struct lod_baked_level {
   double cell;
   uint8_t *bytes; /* the GLB */
   size_t size;
-  char object[LOD_HASH_HEX + 1]; /* set when it is written */
+  char object[LOD_HASH_HEX + 1];  /* set when it is written */
   struct lod_part_figures *parts; /* part_count */
 };
 
 /* What all levels of a model share. */
 struct lod_level_baker {
   const struct lod_model *model;
-  struct lod_bvh **source_bvhs;       /* unit_count */
-  const char *const *image_uris;      /* image_count */
+  struct lod_bvh **source_bvhs;  /* unit_count */
+  const char *const *image_uris; /* image_count */
   double diagonal;
   uint32_t threads;
   const struct lod_progress *progress;

@@ -104,7 +104,8 @@ static json_t *source_json(const struct lod_manifest_facts *facts) {
   json_object_set_new(json, "closed", json_boolean(source->closed));
   json_object_set_new(json, "diagonal", json_real(lod_bounds_diagonal(&source->bounds)));
   json_object_set_new(json, "bounds", json_pack("{so so}", "min", numbers(source->bounds.min, 3), "max", numbers(source->bounds.max, 3)));
-  json_object_set_new(json, "sphere", json_pack("{so so}", "center", numbers(source->sphere.center, 3), "radius", json_real(source->sphere.radius)));
+  json_object_set_new(json, "sphere",
+                      json_pack("{so so}", "center", numbers(source->sphere.center, 3), "radius", json_real(source->sphere.radius)));
   return json;
 }
 
@@ -112,8 +113,9 @@ static json_t *textures_json(const struct lod_manifest_facts *facts) {
   json_t *textures = json_array();
   for (uint32_t i = 0; i < facts->model->image_count; i++) {
     const struct lod_image *image = &facts->model->images[i];
-    json_array_append_new(textures, json_pack("{ss ss sI sI sI}", "object", facts->image_objects[i], "type", image->mime, "bytes",
-                                              (json_int_t)image->size, "width", (json_int_t)image->width, "height", (json_int_t)image->height));
+    json_array_append_new(textures,
+                          json_pack("{ss ss sI sI sI}", "object", facts->image_objects[i], "type", image->mime, "bytes",
+                                    (json_int_t)image->size, "width", (json_int_t)image->width, "height", (json_int_t)image->height));
   }
   return textures;
 }

@@ -52,15 +52,16 @@ static enum lod_status write_file(int directory_fd, const char *name, const void
   if (ok)
     return LOD_OK;
   unlinkat(directory_fd, kTemporary, 0);
-  return lod_fail(problem, LOD_IO, error == ENOSPC || error == EDQUOT ? "disk-full" : "write-failed", "Cannot write %s (%zu bytes): %s.", name, size,
-                  strerror(error));
+  return lod_fail(problem, LOD_IO, error == ENOSPC || error == EDQUOT ? "disk-full" : "write-failed", "Cannot write %s (%zu bytes): %s.",
+                  name, size, strerror(error));
 }
 
 enum lod_status lod_output_file(int directory_fd, const char *name, const void *bytes, size_t size, struct lod_problem *problem) {
   return write_file(directory_fd, name, bytes, size, problem);
 }
 
-enum lod_status lod_output_object(int directory_fd, const void *bytes, size_t size, char hex[LOD_HASH_HEX + 1], struct lod_problem *problem) {
+enum lod_status lod_output_object(int directory_fd, const void *bytes, size_t size, char hex[LOD_HASH_HEX + 1],
+                                  struct lod_problem *problem) {
   lod_hash_bytes(bytes, size, hex);
   if (mkdirat(directory_fd, "objects", 0755) != 0 && errno != EEXIST)
     return lod_fail(problem, LOD_IO, "write-failed", "Cannot make objects/ in the output directory: %s.", strerror(errno));

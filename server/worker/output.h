@@ -16,6 +16,7 @@ LOD_WARN_UNUSED enum lod_status lod_output_object(int directory_fd, const void *
                                                   struct lod_problem *problem);
 
 /* The same for a file of any name directly in the directory (manifest.json). Replaces an older one atomically. */
-LOD_WARN_UNUSED enum lod_status lod_output_file(int directory_fd, const char *name, const void *bytes, size_t size, struct lod_problem *problem);
+LOD_WARN_UNUSED enum lod_status lod_output_file(int directory_fd, const char *name, const void *bytes, size_t size,
+                                                struct lod_problem *problem);
 
 #endif

@@ -68,7 +68,8 @@ static enum lod_status read_job(json_t **job, struct lod_problem *problem) {
     *job = json_loadb(reader.payload, reader.payload_size, JSON_REJECT_DUPLICATES, NULL);
   lod_frame_reader_finish(&reader);
   if (*job == NULL)
-    return lod_fail(problem, LOD_BAD_INPUT, "bad-frame", "The worker expected one 'J' frame with a JSON object on descriptor %d.", LOD_WORKER_SOCKET_FD);
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-frame", "The worker expected one 'J' frame with a JSON object on descriptor %d.",
+                    LOD_WORKER_SOCKET_FD);
   return LOD_OK;
 }
 

@@ -116,8 +116,9 @@ static void write_torus(const char *path) {
   FILE *out = fopen(path, "wb");
   if (out == NULL)
     exit(1);
-  fprintf(out, "ply\nformat binary_little_endian 1.0\nelement vertex %u\nproperty float x\nproperty float y\nproperty float z\nelement face %u\n"
-               "property list uchar int vertex_indices\nend_header\n",
+  fprintf(out,
+          "ply\nformat binary_little_endian 1.0\nelement vertex %u\nproperty float x\nproperty float y\nproperty float z\nelement face %u\n"
+          "property list uchar int vertex_indices\nend_header\n",
           torus.vertex_count, torus.triangle_count);
   fwrite(torus.positions, sizeof *torus.positions, torus.vertex_count, out);
   for (uint32_t t = 0; t < torus.triangle_count; t++) {

@@ -225,7 +225,7 @@ test('deleted model and its objects are gone', async () => {
 });
 
 test('an upload that still bakes does not bring a deleted model back', async () => {
-  const slow = { ...bunny, seed: 901, steps: 40, step_ms: 100 };
+  const slow = { ...bunny, seed: 901, steps: 25, step_ms: 100 };
   const { headers } = await daemon.curl('/v1/models/undone', ['-T', '-'], JSON.stringify(slow));
   await eventually('the bake runs', async () => (await daemon.json(headers.location)).json.state === 'running');
   await daemon.curl('/v1/models/undone', ['-X', 'DELETE']);

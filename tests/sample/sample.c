@@ -1,6 +1,6 @@
 /* Writes the sample models of `make run` as binary PLY: sample knot|tree OUT.ply
  *
- * knot: a trefoil knot of a ribbed, beaded tube with vertex colours, 1.0 million triangles, closed.
+ * knot: a trefoil knot of a ribbed, beaded tube with vertex colours, 256 000 triangles, closed.
  * tree: a leafless tree of thin closed tubes in a pot, which clustering turns into thick edges. */
 #include <math.h>
 #include <stdio.h>
@@ -9,7 +9,7 @@
 
 #include "tests/data/shapes.h"
 
-enum { KNOT_AROUND = 4000, KNOT_TUBE = 128 };
+enum { KNOT_AROUND = 2000, KNOT_TUBE = 64 };
 static const double kTau = 6.283185307179586;
 
 static void put(FILE *out, const void *bytes, size_t size) {
@@ -20,8 +20,10 @@ static void put(FILE *out, const void *bytes, size_t size) {
 }
 
 static void put_header(FILE *out, uint32_t vertices, uint32_t triangles, int colors) {
-  fprintf(out, "ply\nformat binary_little_endian 1.0\ncomment made by Lodestream's tests/sample\nelement vertex %u\nproperty float x\nproperty float y\n"
-               "property float z\n%selement face %u\nproperty list uchar int vertex_indices\nend_header\n",
+  fprintf(out,
+          "ply\nformat binary_little_endian 1.0\ncomment made by Lodestream's tests/sample\nelement vertex %u\nproperty float x\nproperty "
+          "float y\n"
+          "property float z\n%selement face %u\nproperty list uchar int vertex_indices\nend_header\n",
           vertices, colors ? "property uchar red\nproperty uchar green\nproperty uchar blue\n" : "", triangles);
 }
 
@@ -45,7 +47,7 @@ static void knot_vertex(double u, double v, struct lod_vec3 *position, uint8_t r
   struct lod_vec3 up = lod_vec3_cross(side, tangent);
   double rib = 0.5 + 0.5 * cos(6 * v + 18 * u);
   double bead = pow(0.5 + 0.5 * cos(48 * u), 6) * pow(0.5 + 0.5 * cos(3 * v - 9 * u), 4);
-  double grain = 0.004 * sin(160 * u + 3 * v) * sin(40 * v);
+  double grain = 0.004 * sin(160 * u + 3 * v) * sin(20 * v);
   double radius = 0.62 * (1 + 0.16 * rib * rib) + 0.10 * bead + grain;
   *position = lod_vec3_add(centre, lod_vec3_add(lod_vec3_scale(side, radius * cos(v)), lod_vec3_scale(up, radius * sin(v))));
   double warm = 0.5 + 0.5 * sin(u + 0.6);
@@ -79,7 +81,10 @@ static void write_tree(FILE *out) {
   struct lod_arena *arena = lod_arena_create(0);
   struct lod_mesh tree = lod_shape_tree(arena, 7, true);
   put_header(out, tree.vertex_count, tree.triangle_count, 0);
-  put(out, tree.positions, tree.vertex_count * sizeof *tree.positions);
+  for (uint32_t v = 0; v < tree.vertex_count; v++) { /* z is up in the shapes, y in the viewer */
+    float xyz[3] = {tree.positions[v][0], tree.positions[v][2], -tree.positions[v][1]};
+    put(out, xyz, sizeof xyz);
+  }
   for (uint32_t t = 0; t < tree.triangle_count; t++)
     put_triangle(out, tree.triangles[t][0], tree.triangles[t][1], tree.triangles[t][2]);
   lod_arena_destroy(arena);

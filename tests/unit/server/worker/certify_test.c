@@ -53,15 +53,16 @@ static struct lod_mesh recode(struct lod_arena *arena, const struct lod_mesh *me
   uint64_t random = 7;
   for (uint32_t v = 0; v < mesh->vertex_count; v++)
     for (int k = 0; k < 3; k++)
-      out.positions[mesh->vertex_count - 1 - v][k] = (float)((double)mesh->positions[v][k] + (2 * lod_random_unit(&random) - 1) * error / 1.8);
+      out.positions[mesh->vertex_count - 1 - v][k] =
+          (float)((double)mesh->positions[v][k] + (2 * lod_random_unit(&random) - 1) * error / 1.8);
   for (uint32_t t = 0; t < mesh->triangle_count; t++)
     for (int k = 0; k < 3; k++)
       out.triangles[mesh->triangle_count - 1 - t][(k + 1) % 3] = mesh->vertex_count - 1 - mesh->triangles[t][k];
   return out;
 }
 
-static struct lod_distance certify(struct lod_arena *arena, const struct lod_mesh *source, const struct level *level, const struct lod_mesh *decoded,
-                                   const uint32_t *image, double position_error) {
+static struct lod_distance certify(struct lod_arena *arena, const struct lod_mesh *source, const struct level *level,
+                                   const struct lod_mesh *decoded, const uint32_t *image, double position_error) {
   struct lod_bvh *bvh;
   assert_int_equal(lod_bvh_create(source, 1, arena, &bvh), LOD_OK);
   struct lod_certify_request request = {.source = source,
