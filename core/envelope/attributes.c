@@ -24,7 +24,6 @@ static void barycentrics(struct lod_vec3 p, struct lod_vec3 a, struct lod_vec3 b
   weights[0] = 1 - weights[1] - weights[2];
 }
 
-
 /* The source triangle nearest to p among those charged to the faces of one sector, on the sector's own patch. */
 static uint32_t nearest_charged(const struct lod_collapser *c, const uint32_t *ring, uint32_t count, const uint8_t *sector, uint8_t which,
                                 struct lod_vec3 p, struct lod_vec3 *nearest) {
@@ -42,8 +41,9 @@ static uint32_t nearest_charged(const struct lod_collapser *c, const uint32_t *r
       if (t == LOD_NONE || c->patch[t] != c->patch[face])
         continue;
       const uint32_t *v = source->triangles[t];
-      struct lod_vec3 q = lod_closest_on_triangle(p, lod_vec3_from_float(source->positions[v[0]]), lod_vec3_from_float(source->positions[v[1]]),
-                                                  lod_vec3_from_float(source->positions[v[2]]));
+      struct lod_vec3 q =
+          lod_closest_on_triangle(p, lod_vec3_from_float(source->positions[v[0]]), lod_vec3_from_float(source->positions[v[1]]),
+                                  lod_vec3_from_float(source->positions[v[2]]));
       double distance = lod_vec3_distance_squared(p, q);
       if (distance < best_distance || (distance == best_distance && t < best)) {
         best_distance = distance;
@@ -105,12 +105,22 @@ static uint8_t number_sectors(const struct lod_surface *s, const uint32_t *ring,
 
 static bool allocate(const struct lod_mesh *source, struct lod_arena *arena, struct lod_mesh *m) {
   size_t most = (size_t)m->triangle_count * 3;
-  bool ok = (m->corners = lod_arena_alloc(arena, m->triangle_count, sizeof *m->corners)) != NULL && (m->wedge_vertex = LOD_NEW(arena, most, uint32_t)) != NULL;
+  bool ok = (m->corners = lod_arena_alloc(arena, m->triangle_count, sizeof *m->corners)) != NULL &&
+            (m->wedge_vertex = LOD_NEW(arena, most, uint32_t)) != NULL;
   ok = ok && (source->normals == NULL || (m->normals = lod_arena_alloc(arena, most, sizeof *m->normals)) != NULL);
   ok = ok && (source->colors == NULL || (m->colors = lod_arena_alloc(arena, most, sizeof *m->colors)) != NULL);
   for (int k = 0; k < LOD_UV_SETS; k++)
     ok = ok && (source->uvs[k] == NULL || (m->uvs[k] = lod_arena_alloc(arena, most, sizeof *m->uvs[k])) != NULL);
   return ok;
+}
+
+/* A degenerate triangle that stayed keeps its corners' attributes, a wedge each. */
+static void sample_kept(const struct lod_collapser *c, uint32_t t, struct lod_mesh *to, uint32_t triangle) {
+  for (int k = 0; k < 3; k++) {
+    uint32_t wedge = to->corners[triangle][k] = to->wedge_count++;
+    to->wedge_vertex[wedge] = to->triangles[triangle][k];
+    sample(c->mesh, t, lod_vec3_from_float(c->mesh->positions[c->mesh->triangles[t][k]]), to, wedge);
+  }
 }
 
 enum { MAX_RING = 240 }; /* sector numbers are bytes */
@@ -151,6 +161,8 @@ enum lod_status lod_envelope_sample_attributes(const struct lod_collapser *c, st
     }
     vertex++;
   }
+  for (uint32_t i = 0; i < c->kept_count; i++)
+    sample_kept(c, c->kept[i], result, result->triangle_count - c->kept_count + i);
   lod_arena_destroy(scratch);
   return LOD_OK;
 }

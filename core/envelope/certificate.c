@@ -9,12 +9,18 @@
 #include <string.h>
 
 #include "core/base/tolerance.h"
+#include "core/envelope/forward.h"
 
 enum {
-  BACKWARD_DEPTH = 6,  /* 4-splits of a source triangle */
-  FORWARD_DEPTH = 9,   /* 4-splits of a new face */
-  FORWARD_TESTS = 6000 /* of one new face; what needs more is refused */
+  BACKWARD_DEPTH = 12, /* cuts of a source triangle */
+  PART_CORNERS = 9,
+  FORWARD_PIECES = 2000, /* of one new face; what needs more is refused */
+  PROXY_PIECES = 200,
+  PROXIES = 3
 };
+
+/* A proxy may take this share of epsilon. */
+#define PROXY_SHARE 0.34
 
 /* One charge: source triangle `triangle` used this face while its version was `version`. */
 struct charge {
@@ -32,24 +38,59 @@ struct found {
   uint64_t used; /* candidate faces that certify it */
 };
 
+struct proxy {
+  struct lod_forward forward; /* epsilon: what is left of it */
+  double proven;
+  const uint32_t *triangle_of;
+};
+
 struct lod_certificate {
   const struct lod_mesh *source;
   const struct lod_bvh *bvh;
   struct lod_arena *arena;
   double epsilon, epsilon_squared; /* narrowed by the rounding margin */
-  double margin;
-  struct charges *charges;         /* per face */
-  uint32_t *version;               /* per source triangle */
-  uint32_t *triangle_stamp, *vertex_stamp;
-  uint64_t *vertex_mask;
+  double full_epsilon, margin;
+  struct lod_forward forward;
+  struct proxy proxies[PROXIES]; /* finest first */
+  uint32_t proxy_count;
+  struct charges *charges; /* per face */
+  uint32_t *version;       /* per source triangle */
+  uint32_t *triangle_stamp, *vertex_stamp, *rest_stamp;
+  uint64_t *vertex_mask, *rest_mask;
   uint32_t stamp;
   struct found *found;
   uint32_t found_count, found_capacity;
 };
 
+static void set_forward_epsilon(struct lod_forward *forward, double epsilon) {
+  forward->epsilon = fmax(0, epsilon);
+  forward->epsilon_squared = forward->epsilon * forward->epsilon;
+}
+
 void lod_certificate_set_epsilon(struct lod_certificate *c, double epsilon) {
+  c->full_epsilon = epsilon;
   c->epsilon = fmax(0, epsilon - c->margin);
   c->epsilon_squared = c->epsilon * c->epsilon;
+  set_forward_epsilon(&c->forward, c->epsilon);
+  for (uint32_t i = 0; i < c->proxy_count; i++)
+    set_forward_epsilon(&c->proxies[i].forward, c->epsilon - c->proxies[i].proven);
+}
+
+enum lod_status lod_certificate_add_proxy(struct lod_certificate *c, const struct lod_mesh *mesh, double proven,
+                                          const uint32_t *triangle_of) {
+  if (c->proxy_count == PROXIES) {
+    memmove(c->proxies, c->proxies + 1, (PROXIES - 1) * sizeof *c->proxies);
+    c->proxy_count--;
+  }
+  struct proxy *proxy = &c->proxies[c->proxy_count];
+  struct lod_bvh *bvh;
+  LOD_TRY(lod_bvh_create(mesh, 1, c->arena, &bvh));
+  LOD_TRY(lod_forward_init(&proxy->forward, mesh, bvh, c->arena));
+  proxy->proven = proven;
+  proxy->triangle_of = triangle_of;
+  c->proxy_count++;
+  lod_certificate_set_epsilon(c, c->full_epsilon);
+  return LOD_OK;
 }
 
 enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, double epsilon, struct lod_arena *arena,
@@ -60,15 +101,19 @@ enum lod_status lod_certificate_create(const struct lod_mesh *source, const stru
   c->source = source;
   c->bvh = bvh;
   c->arena = arena;
-  c->margin = lod_tolerance_rounding(lod_mesh_magnitude(source));
+  c->margin = 2 * lod_tolerance_rounding(lod_mesh_magnitude(source)); /* of distances, and of the corners of pieces that were cut */
+  LOD_TRY(lod_forward_init(&c->forward, source, bvh, arena));
   lod_certificate_set_epsilon(c, epsilon);
   c->charges = LOD_NEW_ZERO(arena, source->triangle_count, struct charges);
   c->version = LOD_NEW_ZERO(arena, source->triangle_count, uint32_t);
   c->triangle_stamp = LOD_NEW_ZERO(arena, source->triangle_count, uint32_t);
   c->vertex_stamp = LOD_NEW_ZERO(arena, source->vertex_count, uint32_t);
   c->vertex_mask = LOD_NEW(arena, source->vertex_count, uint64_t);
+  c->rest_stamp = LOD_NEW_ZERO(arena, source->vertex_count, uint32_t);
+  c->rest_mask = LOD_NEW(arena, source->vertex_count, uint64_t);
   struct charge *first = LOD_NEW(arena, source->triangle_count, struct charge);
-  if (c->charges == NULL || c->version == NULL || c->triangle_stamp == NULL || c->vertex_stamp == NULL || c->vertex_mask == NULL || first == NULL)
+  if (c->charges == NULL || c->version == NULL || c->triangle_stamp == NULL || c->vertex_stamp == NULL || c->vertex_mask == NULL ||
+      c->rest_stamp == NULL || c->rest_mask == NULL || first == NULL)
     return LOD_MEMORY;
   for (uint32_t t = 0; t < source->triangle_count; t++) { /* every triangle is certified by itself */
     first[t] = (struct charge){t, 0};
@@ -84,7 +129,7 @@ enum lod_status lod_certificate_create(const struct lod_mesh *source, const stru
 struct target {
   struct lod_vec3 a, ab, ac, bc, centre;
   double d00, d01, d11, denominator;
-  double reach_squared; /* (radius + epsilon)^2 around centre */
+  double reach, reach_squared; /* radius + epsilon around centre */
 };
 
 static struct target make_target(const struct lod_candidate *candidate, double epsilon) {
@@ -99,8 +144,10 @@ static struct target make_target(const struct lod_candidate *candidate, double e
   t.d11 = lod_vec3_dot(t.ac, t.ac);
   t.denominator = t.d00 * t.d11 - t.d01 * t.d01;
   t.centre = lod_vec3_scale(lod_vec3_add(t.a, lod_vec3_add(b, c)), 1.0 / 3);
-  double radius = sqrt(fmax(lod_vec3_distance_squared(t.centre, t.a), fmax(lod_vec3_distance_squared(t.centre, b), lod_vec3_distance_squared(t.centre, c))));
-  t.reach_squared = (radius + epsilon) * (radius + epsilon);
+  double radius = sqrt(
+      fmax(lod_vec3_distance_squared(t.centre, t.a), fmax(lod_vec3_distance_squared(t.centre, b), lod_vec3_distance_squared(t.centre, c))));
+  t.reach = (radius + epsilon) * (1 + 1e-12);
+  t.reach_squared = t.reach * t.reach;
   return t;
 }
 
@@ -108,7 +155,8 @@ static double clamp01(double x) {
   return x < 0 ? 0 : x > 1 ? 1 : x;
 }
 
-/* Whether q is within epsilon of the face: shown by a point of the face (any rounding of its coordinates v, w still gives a point of it). */
+/* Whether q is within epsilon of the face: shown by a point of the face (any rounding of its coordinates v, w still gives a point of it).
+ */
 static bool within(const struct target *t, struct lod_vec3 q, double epsilon_squared) {
   if (lod_vec3_distance_squared(q, t->centre) > t->reach_squared)
     return false;
@@ -138,67 +186,215 @@ static bool within(const struct target *t, struct lod_vec3 q, double epsilon_squ
 
 struct trial {
   struct lod_certificate *certificate;
-  const struct lod_change *change;
+  struct lod_change *change;
   struct target targets[LOD_CERTIFICATE_MAX_FACES];
   uint32_t target_count;
+  bool gathered;       /* the unchanged neighbours are among them */
+  uint64_t candidates; /* those that may be near the source triangle that is being certified */
 };
 
-static uint64_t mask_of(const struct trial *trial, struct lod_vec3 q) {
+/* Which of the faces first ... first + count - 1 are within epsilon of q. */
+static uint64_t mask_of(const struct trial *trial, struct lod_vec3 q, uint64_t candidates) {
   uint64_t mask = 0;
-  for (uint32_t k = 0; k < trial->target_count; k++)
+  for (; candidates != 0; candidates &= candidates - 1) {
+    int k = __builtin_ctzll(candidates);
     if (within(&trial->targets[k], q, trial->certificate->epsilon_squared))
       mask |= (uint64_t)1 << k;
+  }
   return mask;
 }
 
-static uint64_t vertex_mask(const struct trial *trial, uint32_t v) {
+/* Faces first ... end - 1 as bits. */
+static uint64_t bits(uint32_t first, uint32_t end) {
+  uint64_t below = end >= 64 ? ~(uint64_t)0 : ((uint64_t)1 << end) - 1;
+  return first >= 64 ? 0 : below >> first << first;
+}
+
+/* Targets for the fresh faces, or the neighbours as well. */
+static void make_targets(struct trial *trial, bool neighbours) {
+  struct lod_change *change = trial->change;
+  if (neighbours)
+    change->gather(change->context, change);
+  for (; trial->target_count < change->face_count; trial->target_count++)
+    trial->targets[trial->target_count] = make_target(&change->faces[trial->target_count], trial->certificate->epsilon);
+  trial->gathered = neighbours;
+}
+
+/* Faces that may be near a part of the source triangle with corners p. */
+static uint64_t candidates_near(const struct trial *trial, const struct lod_vec3 p[3]) {
+  struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
+  double radius = 0;
+  for (int k = 0; k < 3; k++)
+    radius = fmax(radius, lod_vec3_distance_squared(centre, p[k]));
+  radius = sqrt(radius);
+  uint64_t mask = 0;
+  for (uint32_t k = 0; k < trial->target_count; k++) {
+    double reach = radius + trial->targets[k].reach;
+    if (lod_vec3_distance_squared(centre, trial->targets[k].centre) <= reach * reach)
+      mask |= (uint64_t)1 << k;
+  }
+  return mask;
+}
+
+/* The fresh faces near a source vertex: they certify nearly everything, so that the others are asked only where these do not. */
+static uint64_t fresh_mask(const struct trial *trial, uint32_t v) {
   struct lod_certificate *c = trial->certificate;
   if (c->vertex_stamp[v] != c->stamp) {
     c->vertex_stamp[v] = c->stamp;
-    c->vertex_mask[v] = mask_of(trial, lod_vec3_from_float(c->source->positions[v]));
+    c->vertex_mask[v] = mask_of(trial, lod_vec3_from_float(c->source->positions[v]), bits(0, trial->change->fresh_count));
   }
   return c->vertex_mask[v];
 }
 
-/* Certifies the piece with corners p and their masks m; adds the faces used to *used. */
-static bool certify_piece(const struct trial *trial, const struct lod_vec3 p[3], const uint64_t m[3], int depth, uint64_t *used) {
-  uint64_t common = m[0] & m[1] & m[2];
+static uint64_t vertex_mask(const struct trial *trial, uint32_t v) {
+  struct lod_certificate *c = trial->certificate;
+  uint64_t fresh = fresh_mask(trial, v);
+  if (c->rest_stamp[v] != c->stamp) {
+    c->rest_stamp[v] = c->stamp;
+    c->rest_mask[v] = mask_of(trial, lod_vec3_from_float(c->source->positions[v]), bits(trial->change->fresh_count, trial->target_count));
+  }
+  return fresh | c->rest_mask[v];
+}
+
+/* A convex part of a source triangle, with the faces within epsilon of each corner. */
+struct part {
+  struct lod_vec3 corner[PART_CORNERS];
+  uint64_t mask[PART_CORNERS];
+  uint32_t count;
+};
+
+static struct lod_vec3 inward_of(const struct target *t, int edge, struct lod_vec3 *from) {
+  struct lod_vec3 n = lod_vec3_cross(t->ab, t->ac);
+  *from = edge == 1 ? lod_vec3_add(t->a, t->ab) : t->a;
+  return edge == 0 ? lod_vec3_cross(n, t->ab) : edge == 1 ? lod_vec3_cross(n, t->bc) : lod_vec3_cross(t->ac, n);
+}
+
+/* The face within epsilon of most corners. */
+static uint32_t best_face(const struct part *part) {
+  uint64_t any = 0;
+  for (uint32_t i = 0; i < part->count; i++)
+    any |= part->mask[i];
+  uint32_t best = 0, most = 0;
+  for (; any != 0; any &= any - 1) {
+    uint32_t k = (uint32_t)__builtin_ctzll(any), near = 0;
+    for (uint32_t i = 0; i < part->count; i++)
+      near += part->mask[i] >> k & 1;
+    if (near > most) {
+      most = near;
+      best = k;
+    }
+  }
+  return best;
+}
+
+/* Sides of the corners against the edge of face t that the part hangs over farthest; false when there is none that cuts the part. */
+static bool find_cut(const struct target *t, const struct part *part, uint32_t face, double side[PART_CORNERS]) {
+  double farthest = 0;
+  for (int edge = 0; edge < 3; edge++) {
+    struct lod_vec3 from, inward = inward_of(t, edge, &from);
+    double s[PART_CORNERS], scale = lod_vec3_length(inward), out = 0, in = 0;
+    for (uint32_t i = 0; i < part->count; i++) {
+      s[i] = lod_vec3_dot(inward, lod_vec3_subtract(part->corner[i], from));
+      if (s[i] < out && !(part->mask[i] >> face & 1))
+        out = s[i];
+      if (s[i] > in)
+        in = s[i];
+    }
+    /* Not so near the border that rounding decides. */
+    if (in > 1e-6 * -out && out < 1e-6 * -in && out < farthest * scale) {
+      farthest = out / scale;
+      memcpy(side, s, part->count * sizeof *s);
+    }
+  }
+  return farthest < 0;
+}
+
+/* Through the middle of the longest edge. */
+static void find_half(const struct part *part, double side[PART_CORNERS]) {
+  uint32_t longest = 0;
+  double length = -1;
+  for (uint32_t i = 0; i < part->count; i++) {
+    double l = lod_vec3_distance_squared(part->corner[i], part->corner[(i + 1) % part->count]);
+    if (l > length) {
+      length = l;
+      longest = i;
+    }
+  }
+  struct lod_vec3 a = part->corner[longest], ab = lod_vec3_subtract(part->corner[(longest + 1) % part->count], a);
+  for (uint32_t i = 0; i < part->count; i++)
+    side[i] = lod_vec3_dot(ab, lod_vec3_subtract(part->corner[i], a)) - 0.5 * length;
+}
+
+/* Both sides of the cut. False when a point on the cut has no face near, which refutes the part, or when the cut does not cross its border
+ * just twice, which rounding can do. */
+static bool cut_part(const struct trial *trial, const struct part *part, const double side[PART_CORNERS], struct part *inside,
+                     struct part *outside) {
+  uint32_t crossings = 0;
+  for (uint32_t i = 0; i < part->count; i++)
+    crossings += (side[i] > 0) != (side[(i + 1) % part->count] > 0);
+  if (crossings != 2)
+    return false;
+  inside->count = outside->count = 0;
+  for (uint32_t i = 0; i < part->count; i++) {
+    uint32_t j = i + 1 == part->count ? 0 : i + 1;
+    struct part *to = side[i] > 0 ? inside : outside;
+    to->corner[to->count] = part->corner[i];
+    to->mask[to->count++] = part->mask[i];
+    if ((side[i] > 0) == (side[j] > 0))
+      continue;
+    struct lod_vec3 at =
+        lod_vec3_add_scaled(part->corner[i], lod_vec3_subtract(part->corner[j], part->corner[i]), side[i] / (side[i] - side[j]));
+    uint64_t mask = mask_of(trial, at, trial->candidates);
+    if (mask == 0)
+      return false;
+    inside->corner[inside->count] = outside->corner[outside->count] = at;
+    inside->mask[inside->count++] = outside->mask[outside->count++] = mask;
+  }
+  return true;
+}
+
+/* Certifies a part: by a face near all its corners, else cut along the border of the face that is near most of them, so that the parts are
+ * about as many as the faces below. Adds the faces used to *used. */
+static bool certify_part(const struct trial *trial, const struct part *part, int depth, uint64_t *used) {
+  uint64_t common = ~(uint64_t)0;
+  for (uint32_t i = 0; i < part->count; i++)
+    common &= part->mask[i];
   if (common != 0) {
     if ((common & *used) == 0)
       *used |= common & -common;
     return true;
   }
-  if (depth == 0 || m[0] == 0 || m[1] == 0 || m[2] == 0)
+  if (depth == 0 || part->count + 2 > PART_CORNERS)
     return false;
-  struct lod_vec3 h[3];
-  uint64_t n[3];
-  for (int k = 0; k < 3; k++) {
-    h[k] = lod_vec3_scale(lod_vec3_add(p[k], p[(k + 1) % 3]), 0.5);
-    n[k] = mask_of(trial, h[k]);
-    if (n[k] == 0)
-      return false;
-  }
-  for (int k = 0; k < 3; k++) {
-    struct lod_vec3 q[3] = {p[k], h[k], h[(k + 2) % 3]};
-    uint64_t o[3] = {m[k], n[k], n[(k + 2) % 3]};
-    if (!certify_piece(trial, q, o, depth - 1, used))
-      return false;
-  }
-  return certify_piece(trial, h, n, depth - 1, used);
+  uint32_t face = best_face(part);
+  double side[PART_CORNERS];
+  if (!find_cut(&trial->targets[face], part, face, side))
+    find_half(part, side);
+  struct part inside, outside;
+  return cut_part(trial, part, side, &inside, &outside) && certify_part(trial, &inside, depth - 1, used) &&
+         certify_part(trial, &outside, depth - 1, used);
 }
 
-static bool certify_source_triangle(const struct trial *trial, uint32_t t, uint64_t *used) {
+static bool certify_source_triangle(struct trial *trial, uint32_t t, uint64_t *used) {
   const struct lod_mesh *source = trial->certificate->source;
-  uint64_t m[3];
-  struct lod_vec3 p[3];
-  for (int k = 0; k < 3; k++) {
-    m[k] = vertex_mask(trial, source->triangles[t][k]);
-    if (m[k] == 0)
-      return false;
-    p[k] = lod_vec3_from_float(source->positions[source->triangles[t][k]]);
-  }
+  const uint32_t *v = source->triangles[t];
   *used = 0;
-  return certify_piece(trial, p, m, BACKWARD_DEPTH, used);
+  uint64_t common = fresh_mask(trial, v[0]) & fresh_mask(trial, v[1]) & fresh_mask(trial, v[2]);
+  if (common != 0) {
+    *used = common & -common;
+    return true;
+  }
+  if (!trial->gathered)
+    make_targets(trial, true);
+  struct part part = {.count = 3};
+  for (int k = 0; k < 3; k++) {
+    part.mask[k] = vertex_mask(trial, v[k]);
+    if (part.mask[k] == 0)
+      return false;
+    part.corner[k] = lod_vec3_from_float(source->positions[v[k]]);
+  }
+  trial->candidates = candidates_near(trial, part.corner);
+  return certify_part(trial, &part, BACKWARD_DEPTH, used);
 }
 
 static bool add_found(struct lod_certificate *c, uint32_t triangle, uint64_t used) {
@@ -255,94 +451,69 @@ static bool try_backward(struct trial *trial, struct lod_change *change, enum lo
 
 /* ---- forward ---- */
 
-struct forward {
-  const struct lod_certificate *certificate;
-  uint32_t tests; /* left */
-};
-
-static double point_to_source_triangle(const struct lod_certificate *c, uint32_t t, struct lod_vec3 q) {
-  const uint32_t *v = c->source->triangles[t];
-  struct lod_vec3 p = lod_closest_on_triangle(q, lod_vec3_from_float(c->source->positions[v[0]]), lod_vec3_from_float(c->source->positions[v[1]]),
-                                              lod_vec3_from_float(c->source->positions[v[2]]));
-  return lod_vec3_distance_squared(p, q);
+static bool near_source(const struct lod_certificate *c, struct lod_vec3 p, uint32_t hint, uint32_t *near) {
+  *near = lod_bvh_any_within(c->bvh, p, hint, c->epsilon_squared);
+  return *near < c->source->triangle_count;
 }
 
-static bool all_within(const struct lod_certificate *c, uint32_t t, const struct lod_vec3 *p) {
-  return t < c->source->triangle_count && point_to_source_triangle(c, t, p[0]) <= c->epsilon_squared &&
-         point_to_source_triangle(c, t, p[1]) <= c->epsilon_squared && point_to_source_triangle(c, t, p[2]) <= c->epsilon_squared;
+/* The coarsest proxy that leaves most of epsilon; NULL when there is none. */
+static const struct proxy *useful_proxy(const struct lod_certificate *c) {
+  for (uint32_t i = c->proxy_count; i > 0; i--)
+    if (c->proxies[i - 1].proven <= PROXY_SHARE * c->epsilon)
+      return &c->proxies[i - 1];
+  return NULL;
 }
 
-/* near[k]: a source triangle within epsilon of p[k]. A piece is proven by one source triangle near all its corners, or by one so near its
- * centre that the radius still fits; a piece with a point that has nothing within epsilon is refuted. */
-static bool forward_piece(struct forward *f, const struct lod_vec3 p[3], const uint32_t near[3], int depth) {
-  const struct lod_certificate *c = f->certificate;
-  if (f->tests == 0)
-    return false;
-  f->tests--;
+static bool probe(const struct lod_certificate *c, const struct proxy *proxy, const struct lod_candidate *face, uint32_t hint,
+                  uint32_t *near) {
+  const struct lod_vec3 *p = face->corner;
   struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
-  double radius = sqrt(fmax(lod_vec3_distance_squared(centre, p[0]), fmax(lod_vec3_distance_squared(centre, p[1]), lod_vec3_distance_squared(centre, p[2]))));
-  double rest = c->epsilon - radius;
-  for (int k = 0; k < 3 && rest > 0; k++)
-    if ((k == 0 || near[k] != near[k - 1]) && point_to_source_triangle(c, near[k], centre) <= rest * rest)
-      return true;
-  for (int k = 0; k < 3; k++)
-    if ((k == 0 || near[k] != near[0]) && (k < 2 || near[k] != near[1]) && all_within(c, near[k], p))
-      return true;
-  if (rest > 0) {
-    struct lod_closest closest = lod_bvh_closest(c->bvh, centre, near[0], c->epsilon_squared);
-    if (closest.primitive >= c->source->triangle_count)
-      return false;
-    if (closest.distance_squared <= rest * rest || all_within(c, closest.primitive, p))
-      return true;
+  if (proxy != NULL &&
+      lod_bvh_any_within(proxy->forward.bvh, centre, proxy->triangle_of[face->face], proxy->forward.epsilon_squared) != LOD_NONE) {
+    *near = LOD_NONE;
+    return true;
   }
-  if (depth == 0)
-    return false;
-  struct lod_vec3 h[3];
-  uint32_t n[3];
-  for (int k = 0; k < 3; k++) {
-    h[k] = lod_vec3_scale(lod_vec3_add(p[k], p[(k + 1) % 3]), 0.5);
-    n[k] = lod_bvh_any_within(c->bvh, h[k], near[k], c->epsilon_squared);
-    if (n[k] >= c->source->triangle_count)
-      return false;
-  }
-  for (int k = 0; k < 3; k++) {
-    struct lod_vec3 q[3] = {p[k], h[k], h[(k + 2) % 3]};
-    uint32_t o[3] = {near[k], n[k], n[(k + 2) % 3]};
-    if (!forward_piece(f, q, o, depth - 1))
-      return false;
-  }
-  return forward_piece(f, h, n, depth - 1);
+  return near_source(c, centre, hint, near);
 }
 
-/* Nearby source triangles of the corners; false when a corner or the centre has none within epsilon: most refusals end here. */
-static bool forward_probe(const struct lod_certificate *c, const struct lod_candidate *face, const uint32_t hints[3], uint32_t near[3]) {
-  for (int k = 0; k < 3; k++) {
-    near[k] = lod_bvh_any_within(c->bvh, face->corner[k], hints[k], c->epsilon_squared);
-    if (near[k] >= c->source->triangle_count)
+static bool try_forward(const struct lod_certificate *c, const struct proxy *proxy, const struct lod_candidate *face, uint32_t near) {
+  struct lod_vec3 refuter;
+  if (proxy != NULL) {
+
+    enum lod_forward_answer answer =
+        lod_forward_test(&proxy->forward, face->corner, proxy->triangle_of[face->face], PROXY_PIECES, &refuter);
+    if (answer == LOD_FORWARD_PROVEN)
+      return true;
+
+    uint32_t hint;
+    if (answer == LOD_FORWARD_REFUTED && !near_source(c, refuter, LOD_NONE, &hint))
       return false;
   }
-  struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(face->corner[0], lod_vec3_add(face->corner[1], face->corner[2])), 1.0 / 3);
-  return lod_bvh_any_within(c->bvh, centre, near[0], c->epsilon_squared) < c->source->triangle_count;
+  return lod_forward_test(&c->forward, face->corner, near, FORWARD_PIECES, &refuter) == LOD_FORWARD_PROVEN;
 }
 
 bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, enum lod_status *status) {
   assert(change->face_count <= LOD_CERTIFICATE_MAX_FACES);
   *status = LOD_OK;
   c->stamp++;
-  struct trial trial = {.certificate = c, .change = change, .target_count = change->face_count};
-  for (uint32_t k = 0; k < change->face_count; k++)
-    trial.targets[k] = make_target(&change->faces[k], c->epsilon);
-  uint32_t near[LOD_CERTIFICATE_MAX_FACES][3];
+  const struct proxy *proxy = useful_proxy(c);
+  uint32_t near[LOD_CERTIFICATE_MAX_FACES];
   for (uint32_t k = 0; k < change->fresh_count; k++)
-    if (!forward_probe(c, &change->faces[k], change->hints[k], near[k]))
+    if (!probe(c, proxy, &change->faces[k], change->hints[k][0], &near[k])) {
       return false;
-  if (!try_backward(&trial, change, status))
+    }
+  struct trial trial;
+  trial.certificate = c;
+  trial.change = change;
+  trial.target_count = 0;
+  make_targets(&trial, false);
+  if (!try_backward(&trial, change, status)) {
     return false;
-  for (uint32_t k = 0; k < change->fresh_count; k++) {
-    struct forward forward = {c, FORWARD_TESTS};
-    if (!forward_piece(&forward, change->faces[k].corner, near[k], FORWARD_DEPTH))
-      return false;
   }
+  for (uint32_t k = 0; k < change->fresh_count; k++)
+    if (!try_forward(c, proxy, &change->faces[k], near[k])) {
+      return false;
+    }
   return true;
 }
 
@@ -373,6 +544,11 @@ static enum lod_status charge_face(struct lod_certificate *c, uint32_t face, uin
   }
   charges->items[charges->count++] = (struct charge){triangle, c->version[triangle]};
   return LOD_OK;
+}
+
+enum lod_status lod_certificate_move(struct lod_certificate *c, uint32_t triangle, uint32_t face) {
+  c->version[triangle]++;
+  return charge_face(c, face, triangle);
 }
 
 enum lod_status lod_certificate_commit(struct lod_certificate *c, const struct lod_change *change) {

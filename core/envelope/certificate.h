@@ -1,8 +1,8 @@
 /* Proof, kept up to date collapse by collapse, that a changing surface and the source stay within epsilon of each other, both ways.
  *
  * Backward: every source triangle is charged to all current faces that its certificate used (one a leaf of its 4-split), so that a later
- * change of any of them asks for a new certificate. Forward: a new face is shown to lie within epsilon of the source by the convexity lemma.
- * Both are tested against the source itself: errors do not add up. */
+ * change of any of them asks for a new certificate. Forward: a new face is shown to lie within epsilon of the source by the convexity
+ * lemma. Both are tested against the source itself: errors do not add up. */
 #ifndef LOD_CORE_ENVELOPE_CERTIFICATE_H
 #define LOD_CORE_ENVELOPE_CERTIFICATE_H
 
@@ -17,17 +17,30 @@ struct lod_certificate;
 LOD_WARN_UNUSED enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, double epsilon,
                                                        struct lod_arena *arena, struct lod_certificate **certificate);
 
+/* From now on `face` answers for the source triangle alone: all of it must be part of that face. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_move(struct lod_certificate *certificate, uint32_t triangle, uint32_t face);
+
 /* A larger epsilon keeps every certificate valid. */
 void lod_certificate_set_epsilon(struct lod_certificate *certificate, double epsilon);
+
+/* A mesh known to lie within `proven` of the source, both ways, such as an earlier result: it answers most forward questions that leave
+ * epsilon - proven, in fewer and larger pieces; the source answers the rest. triangle_of: surface face -> its triangle there, or LOD_NONE.
+ * Everything must live as long as the certificate. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_add_proxy(struct lod_certificate *certificate, const struct lod_mesh *proxy, double proven,
+                                                          const uint32_t *triangle_of);
 
 struct lod_candidate {
   struct lod_vec3 corner[3];
   uint32_t face; /* the face that it will be, or is */
 };
 
-/* A change: faces `changing` will be gone or altered, `faces` (at most LOD_CERTIFICATE_MAX_FACES) are those that stand around it afterwards:
- * first the fresh_count new shapes, then unchanged neighbours, which certify too (without them the method jams at small epsilon). */
+/* A change: faces `changing` will be gone or altered, `faces` (at most LOD_CERTIFICATE_MAX_FACES) are those that stand around it
+ * afterwards: first the fresh_count new shapes, then unchanged neighbours, which certify too (without them the method jams at small
+ * epsilon). */
 struct lod_change {
+  /* Adds the unchanged neighbours; called only when the new shapes alone do not certify. */
+  void (*gather)(void *context, struct lod_change *change);
+  void *context;
   const uint32_t *changing;
   uint32_t changing_count;
   const struct lod_candidate *faces;

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/envelope/internal.h"
+
 /* Shares of the diagonal, finest first. */
 static const double kLadder[] = {0.0002, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08};
 
@@ -12,7 +14,7 @@ const double *lod_envelope_ladder(uint32_t *count) {
 }
 
 struct lod_envelope_settings lod_envelope_defaults(void) {
-  return (struct lod_envelope_settings){.reserve = 0.12, .crease_degrees = 30, .collapse = lod_collapse_defaults()};
+  return (struct lod_envelope_settings){.reserve = 0.12, .least_gain = 0.1, .crease_degrees = 30, .collapse = lod_collapse_defaults()};
 }
 
 /* One unit on its way through the ladder. */
@@ -32,6 +34,8 @@ struct ladder {
   double epsilon; /* of the current level, model units */
   struct lod_mesh *meshes;
   uint32_t **nearby;
+  enum lod_status (*step)(struct ladder *ladder, uint32_t u); /* what for_units does */
+  uint64_t last_triangles;                                    /* of the level emitted last, or of the source */
 };
 
 static enum lod_status start_unit(struct ladder *ladder, struct run *run) {
@@ -43,11 +47,15 @@ static enum lod_status start_unit(struct ladder *ladder, struct run *run) {
   return lod_collapser_create(mesh, bvh, features, &ladder->settings->collapse, run->arena, &run->collapser);
 }
 
-static enum lod_status level_of_unit(struct ladder *ladder, uint32_t u) {
+static enum lod_status collapse_unit(struct ladder *ladder, uint32_t u) {
   struct run *run = &ladder->runs[u];
   if (run->collapser == NULL)
     LOD_TRY(start_unit(ladder, run));
-  LOD_TRY(lod_collapser_run(run->collapser, ladder->epsilon / run->unit->scale, ladder->progress));
+  return lod_collapser_run(run->collapser, ladder->epsilon / run->unit->scale, ladder->progress);
+}
+
+static enum lod_status extract_unit(struct ladder *ladder, uint32_t u) {
+  struct run *run = &ladder->runs[u];
   ladder->nearby[u] = LOD_NEW(run->level_arena, run->unit->mesh.triangle_count, uint32_t);
   if (ladder->nearby[u] == NULL)
     return LOD_MEMORY;
@@ -55,14 +63,22 @@ static enum lod_status level_of_unit(struct ladder *ladder, uint32_t u) {
   return lod_envelope_sample_attributes(run->collapser, run->level_arena, &ladder->meshes[u]);
 }
 
-static void level_chunk(void *context, size_t begin, size_t end, size_t chunk) {
+static void unit_chunk(void *context, size_t begin, size_t end, size_t chunk) {
   struct ladder *ladder = context;
   (void)chunk;
   for (size_t u = begin; u < end; u++)
-    ladder->runs[u].status = level_of_unit(ladder, (uint32_t)u);
+    ladder->runs[u].status = ladder->step(ladder, (uint32_t)u);
 }
 
-static enum lod_status build_level(struct ladder *ladder, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
+static enum lod_status for_units(struct ladder *ladder, enum lod_status (*step)(struct ladder *ladder, uint32_t u)) {
+  ladder->step = step;
+  lod_parallel_for(ladder->settings->threads, ladder->run_count, 1, unit_chunk, ladder);
+  for (uint32_t u = 0; u < ladder->run_count; u++)
+    LOD_TRY(ladder->runs[u].status);
+  return LOD_OK;
+}
+
+static enum lod_status emit_level(struct ladder *ladder, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
   enum lod_status status = LOD_OK;
   for (uint32_t u = 0; u < ladder->run_count; u++) {
     ladder->runs[u].level_arena = lod_arena_create_child(arena);
@@ -70,9 +86,7 @@ static enum lod_status build_level(struct ladder *ladder, struct lod_arena *aren
       status = LOD_MEMORY;
   }
   if (status == LOD_OK)
-    lod_parallel_for(ladder->settings->threads, ladder->run_count, 1, level_chunk, ladder);
-  for (uint32_t u = 0; u < ladder->run_count && status == LOD_OK; u++)
-    status = ladder->runs[u].status;
+    status = for_units(ladder, extract_unit);
   if (status == LOD_OK) {
     struct lod_level level = {.meshes = ladder->meshes, .nearby = ladder->nearby, .bound = ladder->epsilon};
     status = sink(sink_context, &level);
@@ -82,6 +96,17 @@ static enum lod_status build_level(struct ladder *ladder, struct lod_arena *aren
     ladder->runs[u].level_arena = NULL;
   }
   return status;
+}
+
+static enum lod_status build_level(struct ladder *ladder, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
+  LOD_TRY(for_units(ladder, collapse_unit));
+  uint64_t triangles = 0;
+  for (uint32_t u = 0; u < ladder->run_count; u++)
+    triangles += ladder->runs[u].collapser->surface.live_faces;
+  if ((double)triangles > (1 - ladder->settings->least_gain) * (double)ladder->last_triangles)
+    return LOD_OK;
+  ladder->last_triangles = triangles;
+  return emit_level(ladder, arena, sink, sink_context);
 }
 
 /* The largest unit's diagonal, in the model: what the default ladder's shares refer to. */
@@ -97,8 +122,10 @@ static double largest_diagonal(const struct lod_unit *units, uint32_t unit_count
 static enum lod_status check_settings(const struct lod_envelope_settings *settings, struct lod_problem *problem) {
   for (uint32_t i = 0; settings->epsilons != NULL && i < settings->epsilon_count; i++)
     if (!(settings->epsilons[i] > 0) || !isfinite(settings->epsilons[i]) || (i > 0 && settings->epsilons[i] <= settings->epsilons[i - 1]))
-      return lod_fail(problem, LOD_BAD_INPUT, "bad-epsilon", "Epsilons must be positive, finite and strictly increasing; number %u is %g.", i,
-                      settings->epsilons[i]);
+      return lod_fail(problem, LOD_BAD_INPUT, "bad-epsilon", "Epsilons must be positive, finite and strictly increasing; number %u is %g.",
+                      i, settings->epsilons[i]);
+  if (!(settings->least_gain >= 0 && settings->least_gain < 1))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-gain", "The least gain of a level must be in [0, 1), not %g.", settings->least_gain);
   if (!(settings->reserve >= 0 && settings->reserve <= 0.9))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-reserve", "The share of epsilon kept for quantisation must be in [0, 0.9], not %g.",
                     settings->reserve);
@@ -116,9 +143,11 @@ static enum lod_status climb(struct ladder *ladder, const double *epsilons, uint
   return LOD_OK;
 }
 
-static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *family_settings, const struct lod_progress *progress,
-                             struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem) {
-  struct lod_envelope_settings settings = family_settings == NULL ? lod_envelope_defaults() : *(const struct lod_envelope_settings *)family_settings;
+static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *family_settings,
+                             const struct lod_progress *progress, struct lod_arena *arena, lod_level_sink *sink, void *sink_context,
+                             struct lod_problem *problem) {
+  struct lod_envelope_settings settings =
+      family_settings == NULL ? lod_envelope_defaults() : *(const struct lod_envelope_settings *)family_settings;
   LOD_TRY(check_settings(&settings, problem));
   struct lod_arena *scratch = lod_arena_create_child(arena);
   if (scratch == NULL)
@@ -129,6 +158,7 @@ static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, 
   ladder.nearby = LOD_NEW_ZERO(scratch, unit_count, uint32_t *);
   enum lod_status status = ladder.runs == NULL || ladder.meshes == NULL || ladder.nearby == NULL ? LOD_MEMORY : LOD_OK;
   for (uint32_t u = 0; status == LOD_OK && u < unit_count; u++) {
+    ladder.last_triangles += units[u].mesh.triangle_count;
     ladder.runs[u] = (struct run){.unit = &units[u], .arena = lod_arena_create_child(scratch)};
     if (ladder.runs[u].arena == NULL)
       status = LOD_MEMORY;

@@ -13,7 +13,7 @@ struct witness;
 struct lod_collapser {
   const struct lod_mesh *mesh;
   struct lod_arena *arena;
-  uint32_t *patch;             /* per source triangle: region between features; a face keeps to the patch of the triangle it began as */
+  uint32_t *patch; /* per source triangle: region between features; a face keeps to the patch of the triangle it began as */
   struct lod_collapse_settings settings;
   struct lod_surface surface;
   struct lod_certificate *certificate;
@@ -23,8 +23,12 @@ struct lod_collapser {
   uint32_t *face_mark, mark;
   struct entry *heap;
   size_t heap_count, heap_capacity;
-  struct witness *witnesses; /* direct-mapped by edge */
+  struct witness *witnesses;  /* direct-mapped by edge */
+  uint32_t *kept, kept_count; /* degenerate source triangles that no face answers for */
   double least_normal_dot;
+  double gate;          /* mean squared distance to the planes around, above which an edge is not tried */
+  uint32_t proxy_faces; /* of the last proxy */
+  double proxy_epsilon; /* proven of it */
 };
 
 #endif

@@ -1,4 +1,5 @@
-/* Quadric error metric. Based on: Garland, Heckbert. Surface Simplification Using Quadric Error Metrics. 1997. Orders collapses; proves nothing. */
+/* Quadric error metric. Based on: Garland, Heckbert. Surface Simplification Using Quadric Error Metrics. 1997. Orders collapses; proves
+ * nothing. */
 #ifndef LOD_CORE_ENVELOPE_QUADRIC_H
 #define LOD_CORE_ENVELOPE_QUADRIC_H
 
@@ -6,9 +7,10 @@
 
 #include "core/base/vec.h"
 
-/* p' A p + 2 b' p + c, A symmetric. */
+/* p' A p + 2 b' p + c, A symmetric; weight: of the planes in it. */
 struct lod_quadric {
   double a00, a01, a02, a11, a12, a22, b0, b1, b2, c;
+  double weight;
 };
 
 static inline void lod_quadric_add(struct lod_quadric *q, const struct lod_quadric *r) {
@@ -22,13 +24,14 @@ static inline void lod_quadric_add(struct lod_quadric *q, const struct lod_quadr
   q->b1 += r->b1;
   q->b2 += r->b2;
   q->c += r->c;
+  q->weight += r->weight;
 }
 
 /* weight * (squared distance to the plane n.p + d = 0, n unit) */
 static inline void lod_quadric_add_plane(struct lod_quadric *q, struct lod_vec3 n, double d, double weight) {
-  struct lod_quadric r = {n.x * n.x, n.x * n.y, n.x * n.z, n.y * n.y, n.y * n.z, n.z * n.z, n.x * d, n.y * d, n.z * d, d * d};
+  struct lod_quadric r = {n.x * n.x, n.x * n.y, n.x * n.z, n.y * n.y, n.y * n.z, n.z * n.z, n.x * d, n.y * d, n.z * d, d * d, 1};
   double *from = &r.a00, *to = &q->a00;
-  for (int i = 0; i < 10; i++)
+  for (int i = 0; i < 11; i++)
     to[i] += weight * from[i];
 }
 
@@ -47,7 +50,8 @@ static inline bool lod_quadric_minimum(const struct lod_quadric *q, struct lod_v
   if (!(fabs(det) > 0))
     return false;
   double c11 = a00 * a22 - q->a02 * q->a02, c12 = q->a01 * q->a02 - a00 * q->a12, c22 = a00 * a11 - q->a01 * q->a01;
-  *p = lod_vec3_make((c00 * r0 + c01 * r1 + c02 * r2) / det, (c01 * r0 + c11 * r1 + c12 * r2) / det, (c02 * r0 + c12 * r1 + c22 * r2) / det);
+  *p =
+      lod_vec3_make((c00 * r0 + c01 * r1 + c02 * r2) / det, (c01 * r0 + c11 * r1 + c12 * r2) / det, (c02 * r0 + c12 * r1 + c22 * r2) / det);
   return isfinite(p->x) && isfinite(p->y) && isfinite(p->z);
 }
 

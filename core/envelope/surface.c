@@ -95,8 +95,8 @@ static void classify(struct lod_surface *s, uint32_t v) {
       manifold = manifold && (w == v || edge_faces(s, v, w, NULL, 0) <= 2);
     }
   s->kind[v] = !manifold || (feature_count != 0 && feature_count != 2) ? LOD_VERTEX_CORNER
-               : feature_count == 0                                   ? LOD_VERTEX_INTERIOR
-                                                                      : LOD_VERTEX_CURVE;
+               : feature_count == 0                                    ? LOD_VERTEX_INTERIOR
+                                                                       : LOD_VERTEX_CURVE;
 }
 
 static void mark_boundaries(struct lod_surface *s) {
@@ -138,7 +138,8 @@ static enum lod_status build_rings(struct lod_surface *s) {
   return LOD_OK;
 }
 
-enum lod_status lod_surface_create(const struct lod_mesh *mesh, const uint8_t *feature_edges, struct lod_arena *arena, struct lod_surface *s) {
+enum lod_status lod_surface_create(const struct lod_mesh *mesh, const uint8_t *feature_edges, struct lod_arena *arena,
+                                   struct lod_surface *s) {
   *s = (struct lod_surface){.vertex_count = mesh->vertex_count, .face_count = mesh->triangle_count, .arena = arena};
   s->position = LOD_NEW(arena, s->vertex_count, struct lod_vec3);
   s->face = lod_arena_alloc(arena, s->face_count, sizeof *s->face);
@@ -211,8 +212,8 @@ static bool link_condition(const struct lod_surface *s, uint32_t a, uint32_t b, 
 }
 
 bool lod_surface_can_collapse(const struct lod_surface *s, uint32_t a, uint32_t b, bool *b_stays) {
-  /* Rows: kind of a (which vanishes); columns: kind of b. 0 never; 1 freely; 2 to b's place; 3 freely along a feature; 4 to b's place along a
-   * feature. A vertex on a feature must not leave it, a corner must not move. */
+  /* Rows: kind of a (which vanishes); columns: kind of b. 0 never; 1 freely; 2 to b's place; 3 freely along a feature; 4 to b's place along
+   * a feature. A vertex on a feature must not leave it, a corner must not move. */
   static const uint8_t kRule[3][3] = {{1, 2, 2}, {0, 3, 4}, {0, 0, 0}};
   uint8_t rule = kRule[s->kind[a]][s->kind[b]];
   if (rule == 0)

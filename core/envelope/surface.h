@@ -24,13 +24,15 @@ struct lod_surface {
   struct lod_arena *arena; /* not owned */
 };
 
-/* From a mesh of triangles (its free edges and points are not part of it). Degenerate triangles (two equal vertices) are dead from the start.
- * feature_edges: per triangle, bits as `feature`; NULL = boundaries and non-manifold edges only, which are always features. */
+/* From a mesh of triangles (its free edges and points are not part of it). Degenerate triangles (two equal vertices) are dead from the
+ * start. feature_edges: per triangle, bits as `feature`; NULL = boundaries and non-manifold edges only, which are always features. */
 LOD_WARN_UNUSED enum lod_status lod_surface_create(const struct lod_mesh *mesh, const uint8_t *feature_edges, struct lod_arena *arena,
                                                    struct lod_surface *surface);
 
 /* Faces of vertex v: surface->pool + surface->ring[v], ring_count[v] of them. */
-static inline const uint32_t *lod_surface_ring(const struct lod_surface *surface, uint32_t v) { return surface->pool + surface->ring[v]; }
+static inline const uint32_t *lod_surface_ring(const struct lod_surface *surface, uint32_t v) {
+  return surface->pool + surface->ring[v];
+}
 
 /* Position of v in face f: 0, 1, 2. */
 static inline int lod_surface_corner(const struct lod_surface *surface, uint32_t f, uint32_t v) {
@@ -43,8 +45,8 @@ bool lod_surface_smooth_neighbours(const struct lod_surface *surface, uint32_t f
 /* Whether collapsing edge (a, b) keeps the topology and lets features be; *b_stays: the result must stay at b's place. */
 bool lod_surface_can_collapse(const struct lod_surface *surface, uint32_t a, uint32_t b, bool *b_stays);
 
-/* b takes a's faces and moves to `to`; faces on edge (a, b) die. Call only after lod_surface_can_collapse. LOD_MEMORY alone can fail, before
- * anything has changed. */
+/* b takes a's faces and moves to `to`; faces on edge (a, b) die. Call only after lod_surface_can_collapse. LOD_MEMORY alone can fail,
+ * before anything has changed. */
 LOD_WARN_UNUSED enum lod_status lod_surface_collapse(struct lod_surface *surface, uint32_t a, uint32_t b, struct lod_vec3 to);
 
 /* Every list agrees with every face; for assertions. */

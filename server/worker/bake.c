@@ -35,7 +35,7 @@ static enum lod_status envelope_settings(const struct lod_bake_request *request,
 
 static const struct recipe kRecipes[] = {
     {&lod_cluster_family, true, cluster_settings},
-    {&lod_envelope_family, false, envelope_settings}, /* takes minutes where clustering takes seconds */
+    {&lod_envelope_family, false, envelope_settings}, /* takes ten times as long as clustering */
 };
 enum { RECIPE_COUNT = sizeof kRecipes / sizeof kRecipes[0] };
 
@@ -124,6 +124,7 @@ static enum lod_status envelope_settings(const struct lod_bake_request *request,
   envelope->epsilons = epsilons;
   if (request->epsilon_count != 0) {
     envelope->epsilon_count = requested_errors(request, diagonal, epsilons);
+    envelope->least_gain = 0; /* what was asked for comes */
   } else {
     const double *ladder = lod_envelope_ladder(&envelope->epsilon_count);
     for (uint32_t i = 0; i < envelope->epsilon_count; i++)
