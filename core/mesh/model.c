@@ -125,7 +125,7 @@ static bool circumscribe(const struct lod_vec3 *points, int count, struct ball *
 static bool smallest_ball(struct lod_vec3 points[5], int *count, struct ball *best) {
   int best_mask = 0;
   for (int mask = 1; mask < 1 << *count; mask++) {
-    struct lod_vec3 subset[5];
+    struct lod_vec3 subset[5] = {{0}};
     int size = 0;
     for (int i = 0; i < *count; i++)
       if (mask >> i & 1)

@@ -593,7 +593,7 @@ static unsigned check_after_kill(struct fixture *fixture, unsigned acknowledged)
   for (unsigned parity = 0; parity < 2; parity++) {
     struct lod_stored_model *model = lod_store_model_open(fixture->store, parity ? "odd" : "even");
     /* The newest acknowledged of each, or a later one whose acknowledgement did not get out. */
-    unsigned expected = acknowledged % 2 == parity ? acknowledged : acknowledged - 1;
+    unsigned expected = acknowledged % 2 == parity || acknowledged == 0 ? acknowledged : acknowledged - 1;
     if (model == NULL) {
       assert_true(acknowledged == 0 || expected == 0);
       continue;
