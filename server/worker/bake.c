@@ -65,26 +65,41 @@ static uint32_t requested_errors(const struct lod_bake_request *request, double 
   return kept;
 }
 
-/* A cell whose half diagonal is three quarters of the error leaves the last quarter to quantisation. */
+/* Cells among which those are found that meet the errors asked for: a cell's proven bound is its width, but the certified error is mostly a
+ * small share of it, a different one on every model. So a ladder of cells is baked, from the width whose bound leaves a quarter of the
+ * least error to quantisation up to `kWidestCell` of the greatest, and keep_requested keeps for each error the level of fewest bytes. Being
+ * one ladder, what is kept is nested. */
+static const double kCellStep = 1.2599210498948732; /* 2^(1/3) */
+static const double kWidestCell = 32, kWidestCellOfDiagonal = 0.25;
+enum { MAX_CELLS = 64 }; /* of struct lod_cluster_settings */
+
+static uint32_t cells_for_errors(const double *errors, uint32_t count, double diagonal, double *cells) {
+  double narrow = 0.75 * errors[0];
+  double wide = fmax(narrow, fmin(kWidestCell * errors[count - 1], kWidestCellOfDiagonal * diagonal));
+  double step = fmax(kCellStep, pow(wide / narrow, 1.0 / (MAX_CELLS - 1)));
+  uint32_t cell_count = 0;
+  for (double cell = narrow; cell <= wide && cell_count < MAX_CELLS; cell *= step)
+    cells[cell_count++] = cell;
+  return cell_count;
+}
+
 static enum lod_status cluster_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
                                         const void **settings) {
   struct lod_cluster_settings *cluster = LOD_NEW(arena, 1, struct lod_cluster_settings);
-  double *cells = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
+  double *cells = LOD_NEW(arena, MAX_CELLS, double);
   if (cluster == NULL || cells == NULL)
     return LOD_MEMORY;
   *cluster = lod_cluster_defaults();
   cluster->threads = request->threads;
   if (request->epsilon_count != 0) {
-    uint32_t count = requested_errors(request, diagonal, cells);
+    double errors[LOD_BAKE_MAX_LIST];
+    uint32_t count = requested_errors(request, diagonal, errors);
     if (count == 0) {
       *settings = NULL;
       return LOD_OK;
     }
-    cluster->representative = LOD_CLUSTER_CENTRE;
     cluster->cells = cells;
-    cluster->cell_count = count;
-    for (uint32_t i = 0; i < count; i++)
-      cells[i] *= 0.75 * 2 / 1.7320508075688772;
+    cluster->cell_count = cells_for_errors(errors, count, diagonal, cells);
   }
   *settings = cluster;
   return LOD_OK;
@@ -246,7 +261,8 @@ struct family_job {
   struct pending *pending;
   uint32_t pending_count;
   pthread_mutex_t lock;
-  double work, done, begin, end; /* triangles; share of the progress bar */
+  double work, done, waiting; /* triangles: of all levels, of those baked, of those pending */
+  double begin, end;          /* share of the progress bar */
 };
 
 static uint64_t level_triangles(const struct bake *bake, const struct lod_level *level) {
@@ -288,11 +304,8 @@ static enum lod_status add_pending(struct family_job *job, const struct lod_leve
   pending->level.nearby = copy_maps(bake, level->nearby, false, pending->arena, &ok);
   pending->level.parents = NULL;
   job->work += (double)level_triangles(bake, level);
+  job->waiting += (double)level_triangles(bake, level);
   return ok ? LOD_OK : lod_fail_memory(bake->problem);
-}
-
-static enum lod_status receive_level(void *context, const struct lod_level *level) {
-  return add_pending(context, level, 0);
 }
 
 static void bake_chunk(void *context, size_t begin, size_t end, size_t chunk) {
@@ -337,7 +350,18 @@ static enum lod_status bake_pending(struct family_job *job) {
   }
   family->level_count += job->pending_count;
   job->pending_count = 0;
+  job->waiting = 0;
   return status;
+}
+
+/* Levels wait for others to be baked beside, but not for more memory than a halving ladder and the source's own levels take. */
+static enum lod_status receive_level(void *context, const struct lod_level *level) {
+  struct family_job *job = context;
+  double source = 0;
+  for (uint32_t u = 0; u < job->bake->model.unit_count; u++)
+    source += job->bake->model.units[u].mesh.triangle_count;
+  LOD_TRY(add_pending(job, level, 0));
+  return job->waiting > (SOURCE_LEVELS + 3) * source ? bake_pending(job) : LOD_OK;
 }
 
 /* The source as imported, at the precisions of kSourcePrecision. */
@@ -380,6 +404,29 @@ static enum lod_status gather_levels(struct bake *bake, uint32_t index, struct f
                                job, bake->problem);
 }
 
+static bool is_source_level(const struct bake *bake, const struct lod_baked_level *level) {
+  for (size_t i = 0; i < SOURCE_LEVELS; i++)
+    if (level->bytes == bake->source_levels[i].bytes)
+      return true;
+  return false;
+}
+
+/* Of ordered levels: for each error asked for the one of fewest bytes that meets it, and those of the source. */
+static void keep_requested(const struct bake *bake, struct lod_baked_family *family) {
+  double errors[LOD_BAKE_MAX_LIST];
+  uint32_t count = requested_errors(bake->request, bake->baker.diagonal, errors), kept = 0;
+  double coarser = INFINITY; /* error of the level before */
+  for (uint32_t i = 0; i < family->level_count; i++) {
+    bool wanted = is_source_level(bake, &family->levels[i]);
+    for (uint32_t k = 0; k < count; k++)
+      wanted = wanted || (family->levels[i].error.upper <= errors[k] && errors[k] < coarser);
+    coarser = family->levels[i].error.upper;
+    if (wanted)
+      family->levels[kept++] = family->levels[i];
+  }
+  family->level_count = kept;
+}
+
 static enum lod_status build_family(struct bake *bake, uint32_t index) {
   struct lod_baked_family *family = &bake->families[index];
   struct family_job job = {
@@ -404,6 +451,8 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
   if (index == 0)
     memcpy(bake->source_levels, family->levels, sizeof bake->source_levels);
   family->level_count = lod_levels_order(family->levels, family->level_count);
+  if (bake->request->epsilon_count != 0)
+    keep_requested(bake, family);
   for (uint32_t i = 0; i < family->level_count; i++) {
     struct lod_baked_level *level = &family->levels[i];
     LOD_TRY(lod_output_object(bake->request->directory_fd, level->bytes, level->size, level->object, bake->problem));
