@@ -20,7 +20,7 @@ static const struct cli_option kOptions[] = {
     {"output", 'o', "DIR", "Where manifest.json and objects/ go; made when it is not there. Required."},
     {"family", 'f', "NAME", "A family of levels to bake; may be given several times. Default: cluster."},
     {"epsilon", 'e', "X|X%",
-     "An error to meet, in model units or in percent of the diagonal; may be given several times. Default: a ladder."},
+     "An error to meet in as few bytes as can be, in model units or in percent of the diagonal; may be repeated. Default: a ladder."},
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
@@ -64,6 +64,22 @@ static bool parse_epsilon(const char *text, double *value, bool *relative) {
   return true;
 }
 
+static int add_family(struct lod_bake_request *request, const char *name) {
+  char names[256] = "";
+  const struct lod_family *family;
+  for (uint32_t i = 0; (family = lod_bake_family(i)) != NULL; i++) {
+    if (strcmp(family->name, name) == 0) {
+      if (request->family_count == LOD_BAKE_MAX_FAMILIES)
+        return cli_usage(&cli_bake, "--family was given more than %d times", LOD_BAKE_MAX_FAMILIES);
+      request->families[request->family_count++] = name;
+      return CLI_DONE;
+    }
+    size_t length = strlen(names);
+    snprintf(names + length, sizeof names - length, "%s%s", i == 0 ? "" : ", ", family->name);
+  }
+  return cli_usage(&cli_bake, "--family %s: this version bakes %s", name, names);
+}
+
 /* One option into the request; CLI_DONE or the exit status. */
 static int apply_option(struct lod_bake_request *request, const struct cli_option *option, const char *value, const char **output) {
   const struct {
@@ -97,9 +113,7 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
   if (strcmp(option->name, "output") == 0) {
     *output = value;
   } else if (strcmp(option->name, "family") == 0) {
-    if (request->family_count == LOD_BAKE_MAX_FAMILIES)
-      return cli_usage(&cli_bake, "--family was given more than %d times", LOD_BAKE_MAX_FAMILIES);
-    request->families[request->family_count++] = value;
+    return add_family(request, value);
   } else if (strcmp(option->name, "epsilon") == 0) {
     if (request->epsilon_count == LOD_BAKE_MAX_LIST)
       return cli_usage(&cli_bake, "--epsilon was given more than %d times", LOD_BAKE_MAX_LIST);
@@ -145,7 +159,8 @@ static int bake_file(struct lod_bake_request *request, const char *path, const c
   struct cli_file file;
   if (cli_file_open(path, &file, &problem) != LOD_OK)
     return cli_problem(&problem, json);
-  if (mkdir(output, 0755) != 0 && errno != EEXIST) {
+  bool made = mkdir(output, 0755) == 0;
+  if (!made && errno != EEXIST) {
     lod_fail(&problem, LOD_IO, "cannot-open", "Cannot make the output directory %s: %s.", output, strerror(errno));
     cli_file_close(&file);
     return cli_problem(&problem, json);
@@ -184,6 +199,8 @@ static int bake_file(struct lod_bake_request *request, const char *path, const c
     close(request->directory_fd);
   if (parent_fd >= 0)
     close(parent_fd);
+  if (exit_status != CLI_DONE && made)
+    rmdir(output); /* unless something is in it */
   cli_file_close(&file);
   return exit_status;
 }

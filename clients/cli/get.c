@@ -1,5 +1,6 @@
 /* lodestream get: asks a server for the level that meets a screen error, over HTTP. */
 #include <curl/curl.h>
+#include <errno.h>
 #include <jansson.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -89,19 +90,23 @@ static void append(char *url, size_t capacity, const char *name, const char *val
   curl_free(escaped);
 }
 
-static void read_token(const char *path, char header[512]) {
+static enum lod_status read_token(const char *path, char header[512], struct lod_problem *problem) {
   FILE *in = fopen(path, "r");
+  if (in == NULL)
+    return lod_fail(problem, LOD_IO, "cannot-open", "Cannot open the token's file %s: %s.", path, strerror(errno));
   char token[400] = "";
-  if (in != NULL) {
-    if (fgets(token, sizeof token, in) == NULL)
-      token[0] = '\0';
-    fclose(in);
-  }
+  bool got = fgets(token, sizeof token, in) != NULL;
+  fclose(in);
   token[strcspn(token, "\r\n")] = '\0';
+  if (!got || token[0] == '\0')
+    return lod_fail(problem, LOD_BAD_INPUT, "no-token", "The first line of %s is empty; expected a token.", path);
   snprintf(header, 512, "Authorization: Bearer %s", token);
+  return LOD_OK;
 }
 
-static int report(struct answer *answer, CURLcode code, const char *url, const char *error, bool json, const char *output) {
+/* Puts the file into place and prints the facts, or prints the problem. part: what was downloaded; NULL: standard output. */
+static int report(struct answer *answer, CURLcode code, const char *url, const char *error, bool json, const char *part,
+                  const char *output) {
   long status = 0;
   curl_easy_getinfo(answer->curl, CURLINFO_RESPONSE_CODE, &status);
   struct lod_problem problem = {0};
@@ -116,10 +121,14 @@ static int report(struct answer *answer, CURLcode code, const char *url, const c
     json_decref(body);
     return cli_problem(&problem, json);
   }
+  if (part != NULL && rename(part, output) != 0) {
+    lod_fail(&problem, LOD_IO, "write-failed", "Cannot write %s: %s.", output, strerror(errno));
+    return cli_problem(&problem, json);
+  }
   curl_off_t bytes = 0;
   curl_easy_getinfo(answer->curl, CURLINFO_SIZE_DOWNLOAD_T, &bytes);
   json_object_set_new(answer->facts, "bytes", json_integer(bytes));
-  FILE *out = strcmp(output, "-") == 0 ? stderr : stdout;
+  FILE *out = part == NULL ? stderr : stdout;
   if (json) {
     json_dumpf(answer->facts, out, JSON_COMPACT);
     fprintf(out, "\n");
@@ -141,18 +150,18 @@ static int fetch(CURL *curl, const char *url, const char *token_path, const char
   char part[4096], error[CURL_ERROR_SIZE] = "", token[512];
   bool to_stdout = strcmp(output, "-") == 0;
   snprintf(part, sizeof part, "%s.part", output);
+  struct lod_problem problem = {0};
+  if (token_path != NULL && read_token(token_path, token, &problem) != LOD_OK)
+    return cli_problem(&problem, json);
   struct answer answer = {.out = to_stdout ? stdout : fopen(part, "wb"), .curl = curl, .facts = json_object()};
   if (answer.out == NULL) {
-    struct lod_problem problem = {0};
-    lod_fail(&problem, LOD_IO, "cannot-open", "Cannot write %s.", part);
+    lod_fail(&problem, LOD_IO, "cannot-open", "Cannot write %s: %s.", part, strerror(errno));
     json_decref(answer.facts);
     return cli_problem(&problem, json);
   }
   struct curl_slist *headers = NULL;
-  if (token_path != NULL) {
-    read_token(token_path, token);
+  if (token_path != NULL)
     headers = curl_slist_append(headers, token);
-  }
   curl_easy_setopt(curl, CURLOPT_URL, url);
   curl_easy_setopt(curl, CURLOPT_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(curl, CURLOPT_HTTPHEADER, headers);
@@ -168,8 +177,8 @@ static int fetch(CURL *curl, const char *url, const char *token_path, const char
   CURLcode code = curl_easy_perform(curl);
   if (!to_stdout && fclose(answer.out) != 0 && code == CURLE_OK)
     code = CURLE_WRITE_ERROR;
-  int exit_status = report(&answer, code, url, error, json, output);
-  if (!to_stdout && (exit_status != CLI_DONE || rename(part, output) != 0))
+  int exit_status = report(&answer, code, url, error, json, to_stdout ? NULL : part, output);
+  if (!to_stdout && exit_status != CLI_DONE)
     unlink(part);
   curl_slist_free_all(headers);
   json_decref(answer.facts);

@@ -52,8 +52,12 @@ static enum lod_status inspect_model(const struct request *request, struct lod_a
     json_array_append_new(units, cli_topology_json(&topology));
   }
   struct lod_bounds bounds = lod_model_bounds(&model);
-  if (status != LOD_OK) {
+  if (status != LOD_OK)
     status = lod_fail_memory(problem);
+  else if (request->picture != NULL)
+    status = cli_draw_model(&model, request->picture, request->size, request->wireframe, arena, problem);
+  if (status != LOD_OK) {
+    /* facts and a problem are never printed both */
   } else if (request->json) {
     json_t *warnings = json_array();
     for (uint32_t i = 0; i < model.warning_count; i++)
@@ -79,8 +83,6 @@ static enum lod_status inspect_model(const struct request *request, struct lod_a
       printf("  warning: %s\n", model.warnings[i]);
   }
   json_decref(units);
-  if (status == LOD_OK && request->picture != NULL)
-    status = cli_draw_model(&model, request->picture, request->size, request->wireframe, arena, problem);
   cli_file_close(&file);
   return status;
 }
@@ -133,8 +135,10 @@ static enum lod_status inspect_bake(const struct request *request, struct lod_ar
   json_t *manifest = json_load_file(path, 0, &error);
   if (manifest == NULL)
     return lod_fail(problem, LOD_BAD_INPUT, "no-manifest", "%s is no bake: %s, line %d: %s.", request->path, path, error.line, error.text);
-  enum lod_status status = LOD_OK;
-  if (request->json) {
+  enum lod_status status = request->picture != NULL ? draw_level(request, manifest, arena, problem) : LOD_OK;
+  if (status != LOD_OK) {
+    /* facts and a problem are never printed both */
+  } else if (request->json) {
     json_dumpf(manifest, stdout, JSON_COMPACT | JSON_REAL_PRECISION(9));
     printf("\n");
   } else {
@@ -151,8 +155,6 @@ static enum lod_status inspect_bake(const struct request *request, struct lod_ar
     json_array_foreach(json_object_get(json_object_get(manifest, "bake"), "warnings"), i, warning)
         printf("warning: %s\n", json_string_value(warning));
   }
-  if (request->picture != NULL)
-    status = draw_level(request, manifest, arena, problem);
   json_decref(manifest);
   return status;
 }

@@ -1,0 +1,298 @@
+// The `lodestream` tool from end to end: what a person types, what comes out, and the exit status.
+import assert from 'node:assert/strict';
+import fs from 'node:fs';
+import http from 'node:http';
+import path from 'node:path';
+import { spawn } from 'node:child_process';
+import { after, before, test } from 'node:test';
+import { Daemon, build, bunny, eventually, makeDirectory } from './daemon.mjs';
+import { asGlb, asPly, checkerPng, glbJson, sheet, wavySphere } from './models.mjs';
+import { sha256 } from './worker.mjs';
+
+const tool = path.join(build, 'lodestream');
+const commands = ['bake', 'inspect', 'measure', 'export', 'decode', 'get', 'worker'];
+const DONE = 0, BAD_INPUT = 1, USAGE = 2, LIMIT = 3;
+let folder, model, textured, baked;
+const at = (...names) => path.join(folder, ...names);
+
+// Runs the tool to its end, at most a minute. Gives status, stdout, stderr.
+function lodestream(...args) {
+  return new Promise((resolve, reject) => {
+    const child = spawn(tool, args, { cwd: folder, stdio: ['ignore', 'pipe', 'pipe'], timeout: 60000, killSignal: 'SIGKILL' });
+    const out = { stdout: '', stderr: '' };
+    for (const name of Object.keys(out)) child[name].setEncoding('utf8').on('data', (data) => (out[name] += data));
+    child.on('error', reject);
+    child.on('close', (status, signal) => resolve({ status, signal, ...out }));
+  });
+}
+
+async function facts(...args) {
+  const { status, stdout, stderr } = await lodestream(...args, '--json');
+  assert.equal(status, DONE, stderr);
+  return JSON.parse(stdout);
+}
+
+const manifestOf = (directory) => JSON.parse(fs.readFileSync(at(directory, 'manifest.json')));
+const objectsOf = (directory) => fs.readdirSync(at(directory, 'objects')).sort();
+const levelPath = (directory, level) => at(directory, 'objects', level.object);
+
+before(async () => {
+  folder = makeDirectory();
+  model = at('ball.ply');
+  textured = at('sheet.glb');
+  fs.writeFileSync(model, asPly(wavySphere(40)));
+  fs.writeFileSync(textured, asGlb(sheet(32), checkerPng(32)));
+  const { status, stderr } = await lodestream('bake', model, '-o', 'ball');
+  assert.equal(status, DONE, stderr);
+  baked = manifestOf('ball');
+});
+after(() => fs.rmSync(folder, { recursive: true, force: true }));
+
+test('every command explains itself and says its version', async () => {
+  const version = fs.readFileSync(path.join(build, '../../VERSION'), 'utf8').trim();
+  for (const command of [[], ...commands.map((name) => [name])]) {
+    const help = await lodestream(...command, '--help');
+    assert.equal(help.status, DONE, command[0]);
+    assert.match(help.stdout, /^Usage: lodestream /);
+    assert.equal(help.stderr, '');
+    const said = await lodestream(...command, '--version');
+    assert.equal(said.status, DONE, command[0]);
+    assert.equal(said.stdout, `lodestream ${version}\n`);
+  }
+  const overview = (await lodestream('--help')).stdout;
+  for (const name of commands) assert.match(overview, new RegExp(`^  ${name} +[A-Z]`, 'm'));
+});
+
+test('wrong usage is status 2, says what is wrong on stderr, prints nothing and makes nothing', async () => {
+  const wrong = [
+    [[], /Usage/], [['nonsense'], /nonsense/], [['bake'], /MODEL/], [['bake', model], /-o/], [['bake', model, model, '-o', 'no'], /one MODEL/],
+    [['bake', model, '-o'], /value/], [['bake', model, '-o', 'no', '--nope'], /--nope/], [['bake', model, '-o', 'no', '-z'], /-z/],
+    [['bake', model, '-o', 'no', '--jobs', 'many'], /--jobs many/], [['bake', model, '-o', 'no', '--max-triangles', '-1'], /--max-triangles -1/],
+    [['bake', model, '-o', 'no', '--epsilon', '-1'], /--epsilon -1/], [['bake', model, '-o', 'no', '--epsilon', 'nan'], /--epsilon nan/],
+    [['bake', model, '-o', 'no', '--epsilon', '1%%'], /--epsilon 1%%/], [['bake', model, '-o', 'no', '--epsilon='], /--epsilon/],
+    [['bake', model, '-o', 'no', '--epsilon', 'inf'], /--epsilon inf/], [['bake', model, '-o', 'no', '--family', 'nope'], /nope.*cluster/s],
+    [['measure', model], /two/], [['measure', model, model, '--relative', 'x'], /--relative x/], [['inspect'], /one MODEL/],
+    [['inspect', model, '--size', '4'], /--size 4/], [['decode', model], /-o/], [['export', 'ball', '-o', 'no', '--format', 'zip'], /zip/],
+    [['export', 'ball'], /-o/], [['get', 'http://127.0.0.1:9/v1/models/x'], /-o/], [['get', '-o', 'no'], /URL/], [['worker'], /lodestreamd/],
+  ];
+  for (const [args, sentence] of wrong) {
+    const { status, stdout, stderr } = await lodestream(...args);
+    assert.equal(status, USAGE, `${args}: ${stderr}`);
+    assert.match(stderr, sentence, String(args));
+    assert.equal(stdout, '', String(args));
+  }
+  assert.ok(!fs.existsSync(at('no')));
+});
+
+test('bad input is status 1 with a sentence, as JSON where that is asked for', async () => {
+  fs.writeFileSync(at('noise.ply'), 'not a model at all');
+  fs.writeFileSync(at('cut.glb'), fs.readFileSync(textured).subarray(0, 3000));
+  const wrong = [['bake', 'none.ply', '-o', 'no'], ['bake', 'noise.ply', '-o', 'no'], ['bake', 'cut.glb', '-o', 'no'], ['inspect', 'cut.glb'],
+    ['inspect', folder], ['measure', model, 'noise.ply'], ['decode', 'noise.ply', '-o', 'no.ply'], ['export', 'objects', '-o', 'no'],
+    ['inspect', 'ball', '--level', '99', '--picture', 'no.png'], ['bake', model, '-o', 'noise.ply'],
+    ['get', 'http://127.0.0.1:1/v1/models/x', '-o', 'no.glb', '--error', '1']];
+  for (const args of wrong) {
+    const plain = await lodestream(...args);
+    assert.equal(plain.status, BAD_INPUT, `${args}: ${plain.stderr}`);
+    assert.match(plain.stderr, /^lodestream: .{15,} \[[a-z0-9-]+\]\n$/, String(args));
+    assert.equal(plain.stdout, '', String(args));
+    const { problem } = JSON.parse((await lodestream(...args, '--json')).stdout);
+    assert.match(problem.type, /^[a-z0-9-]+$/);
+    assert.ok(plain.stderr.includes(problem.detail), String(args));
+  }
+  assert.deepEqual(fs.readdirSync(folder).filter((name) => name.startsWith('no') && name !== 'noise.ply'), []);
+});
+
+test('limit that is broken is status 3 and names the limit', async () => {
+  for (const [limit, input] of [['--max-triangles', model], ['--max-vertices', model], ['--max-bytes', model], ['--max-texture-pixels', textured],
+    ['--max-texture-bytes', textured], ['--max-memory', model]]) {
+    const { status, stderr } = await lodestream('bake', input, '-o', 'limited', limit, '10');
+    assert.equal(status, LIMIT, `${limit}: ${stderr}`);
+    assert.ok(!fs.existsSync(at('limited', 'manifest.json')), limit);
+    if (limit !== '--max-memory') assert.match(stderr, /\b10\b/, limit);
+  }
+});
+
+test('bake writes objects under their hashes, coarsest first, errors and triangles in order', async () => {
+  const { levels } = baked.families.cluster;
+  assert.ok(levels.length >= 4);
+  assert.equal(baked.id, 'ball');
+  assert.equal(baked.source.sha256, sha256(fs.readFileSync(model)));
+  assert.equal(baked.source.triangles, wavySphere(40).faces.length);
+  assert.deepEqual(objectsOf('ball'), [...new Set(levels.map((level) => level.object))].sort());
+  levels.forEach((level, i) => {
+    const bytes = fs.readFileSync(levelPath('ball', level));
+    assert.equal(sha256(bytes), level.object);
+    assert.equal(bytes.length, level.bytes);
+    assert.equal(level.level, i);
+    assert.ok(level.error > 0 && level.error_lower <= level.error);
+    if (i === 0) return;
+    assert.ok(level.error < levels[i - 1].error && level.bytes > levels[i - 1].bytes);
+    assert.ok(level.triangles >= levels[i - 1].triangles);
+  });
+  assert.ok(levels[0].triangles <= 400 && levels.at(-1).triangles === baked.source.triangles);
+});
+
+for (const family of ['cluster', 'envelope']) {
+  test(`errors that are asked of ${family} are met by levels much smaller than the source`, async () => {
+    await facts('bake', model, '-o', `met-${family}`, '--family', family, '--epsilon', '1%', '--epsilon', '0.25%');
+    const { families, source } = manifestOf(`met-${family}`);
+    for (const share of [0.01, 0.0025]) {
+      const level = families[family].levels.find(({ error }) => error <= share * source.diagonal);
+      assert.ok(level, `no level meets ${share}`);
+      assert.ok(level.triangles < source.triangles / 2, `${share} takes ${level.triangles} triangles`);
+    }
+  });
+}
+
+test('two bakes are the same byte for byte, with any number of threads, but for time and memory', async () => {
+  await facts('bake', textured, '-o', 'one', '--id', 'sheet', '-j', '1');
+  await facts('bake', textured, '-o', 'two', '--id', 'sheet', '-j', '2');
+  await facts('bake', textured, '-o', 'again', '--id', 'sheet', '-j', '2');
+  const text = (directory) => String(fs.readFileSync(at(directory, 'manifest.json'))).replace(/"(seconds|peak_bytes)":[0-9.e+-]+/g, '"$1":0');
+  for (const other of ['two', 'again']) {
+    assert.equal(text(other), text('one'));
+    assert.deepEqual(objectsOf(other), objectsOf('one'));
+    for (const name of objectsOf('one')) assert.ok(fs.readFileSync(at(other, 'objects', name)).equals(fs.readFileSync(at('one', 'objects', name))));
+  }
+});
+
+test('distance that measure finds agrees with what the manifest certifies', async () => {
+  for (const level of baked.families.cluster.levels) {
+    const measured = await facts('measure', model, levelPath('ball', level));
+    assert.ok(measured.lower >= 0 && measured.lower <= measured.upper);
+    assert.ok(measured.lower <= level.error && level.error_lower <= measured.upper, `level ${level.level}: two intervals that do not meet`);
+    assert.ok(measured.rms <= measured.upper);
+    assert.ok(Math.abs(measured.diagonal - baked.source.diagonal) < 1e-6 * measured.diagonal);
+    assert.equal(measured.a.triangles, baked.source.triangles);
+    assert.equal(measured.a.closed, true);
+    assert.equal(measured.a.components, 1);
+    assert.ok(measured.b.triangles > 0 && measured.b.vertices > 0);
+  }
+  const itself = await facts('measure', model, model);
+  assert.equal(itself.lower, 0);
+  assert.ok(itself.upper < 1e-6);
+});
+
+test('inspect shows a model and a bake, and draws them', async () => {
+  const seen = await facts('inspect', model);
+  assert.equal(seen.triangles, baked.source.triangles);
+  assert.equal((await facts('inspect', textured)).textures, 1);
+  assert.deepEqual(await facts('inspect', 'ball'), baked);
+  const plain = await lodestream('inspect', 'ball');
+  for (const level of baked.families.cluster.levels) assert.match(plain.stdout, new RegExp(`^ +${level.level} .*\\d`, 'm'));
+  const sizes = [];
+  for (const args of [[model], ['ball', '--level', '0'], ['ball', '--wireframe']]) {
+    assert.equal((await lodestream('inspect', ...args, '--picture', 'out.png', '--size', '64')).status, DONE);
+    const png = fs.readFileSync(at('out.png'));
+    assert.equal(png.toString('latin1', 1, 4), 'PNG');
+    assert.deepEqual([png.readUInt32BE(16), png.readUInt32BE(20)], [64, 64]);
+    sizes.push(sha256(png));
+  }
+  assert.equal(new Set(sizes).size, 3, 'different things look the same');
+});
+
+test('decoded level is the level', async () => {
+  for (const level of [baked.families.cluster.levels[0], baked.families.cluster.levels.at(-1)]) {
+    const decoded = await facts('decode', levelPath('ball', level), '-o', 'level.ply');
+    assert.equal(decoded.triangles, level.triangles);
+    assert.match(fs.readFileSync(at('level.ply'), 'latin1'), /^ply\n/);
+    const { lower, upper } = await facts('measure', levelPath('ball', level), 'level.ply');
+    assert.equal(lower, 0);
+    assert.ok(upper <= 1e-6 * baked.source.diagonal, `${upper}`);
+  }
+  const piped = await lodestream('decode', levelPath('ball', baked.families.cluster.levels[0]), '-o', '-');
+  assert.match(piped.stdout, /^ply\n/);
+});
+
+test('exported tree is served by any file server, its levels find their textures', async () => {
+  assert.equal((await lodestream('bake', textured, '-o', 'sheet')).status, DONE);
+  assert.equal((await lodestream('export', 'sheet', '-o', 'site', '--format', 'static')).status, DONE);
+  const manifest = manifestOf('sheet');
+  const server = http.createServer((request, response) => {
+    const file = path.join(at('site'), path.normalize(new URL(request.url, 'http://x').pathname));
+    fs.readFile(file, (error, bytes) => response.writeHead(error ? 404 : 200).end(bytes));
+  });
+  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+  const origin = `http://127.0.0.1:${server.address().port}`;
+  const get = (url) => new Promise((resolve, reject) => {
+    http.get(url, { agent: false }, (response) => {
+      const chunks = [];
+      response.on('data', (data) => chunks.push(data)).on('end', () => resolve({ status: response.statusCode, body: Buffer.concat(chunks) }));
+    }).on('error', reject);
+  });
+  try {
+    const page = await get(`${origin}/index.html`);
+    assert.equal(page.status, 200);
+    const served = JSON.parse((await get(`${origin}/manifest.json`)).body);
+    assert.equal(served.revision, manifest.revision);
+    for (const [i, level] of served.families.cluster.levels.entries()) {
+      assert.match(String(page.body), new RegExp(`href="families/cluster/${i}\\.glb"`));
+      for (const url of [`${origin}/families/cluster/${i}.glb`, `${origin}/objects/${level.object}`]) {
+        const { status, body } = await get(url);
+        assert.equal(status, 200, url);
+        assert.equal(sha256(body), level.object);
+        const { images } = glbJson(body);
+        assert.equal(images.length, 1);
+        const texture = await get(new URL(images[0].uri, url));
+        assert.equal(texture.status, 200, `${images[0].uri} beside ${url}`);
+        assert.ok(texture.body.equals(checkerPng(32)), 'the texture is not the one that came in');
+      }
+    }
+  } finally {
+    await new Promise((resolve) => server.close(resolve));
+  }
+  const twice = await lodestream('export', 'sheet', '-o', 'site');
+  assert.equal(twice.status, BAD_INPUT);
+  assert.match(twice.stderr, /site/);
+});
+
+test('get writes the level that a server chooses and says what it is; a refusal leaves no file', async () => {
+  const daemon = await Daemon.start();
+  try {
+    await daemon.bake('bunny', bunny);
+    const url = `${daemon.url}/v1/models/bunny`;
+    const out = at('got.glb');
+    const got = await facts('get', url, '--px', '1', '--distance', '20', '--fov', '60', '--height', '1080', '-o', out);
+    const { headers, body } = await daemon.curl('/v1/models/bunny/level?px=1&distance=20&fov=60&height=1080');
+    assert.ok(fs.readFileSync(out).equals(body));
+    for (const name of ['lod-family', 'lod-level', 'lod-error', 'lod-screen-error', 'lod-triangles']) assert.equal(got[name], headers[name]);
+    assert.equal(got.bytes, body.length);
+    fs.rmSync(out);
+    const plain = await lodestream('get', `${url}/`, '--error', '0.1', '--family', 'cluster', '-o', out);
+    assert.equal(plain.status, DONE, plain.stderr);
+    assert.match(plain.stdout, /^lod-level +1$/m);
+    fs.rmSync(out);
+    for (const [target, args, sentence] of [[`${daemon.url}/v1/models/none`, ['--error', '1'], /404/], [url, ['--error', '0'], /400.*error/],
+      [url, ['--error', '1', '--family', 'nope'], /400.*nope|400.*family/]]) {
+      const refused = await lodestream('get', target, ...args, '-o', out);
+      assert.equal(refused.status, BAD_INPUT);
+      assert.match(refused.stderr, sentence);
+      assert.deepEqual(fs.readdirSync(folder).filter((name) => name.startsWith('got')), []);
+    }
+    fs.mkdirSync(out);
+    const blocked = await lodestream('get', url, '--error', '0.1', '-o', out);
+    assert.equal(blocked.status, BAD_INPUT, 'a file that cannot be put into place is no success');
+    assert.deepEqual(fs.readdirSync(folder).filter((name) => name.startsWith('got')), ['got.glb']);
+    const tokenless = await lodestream('get', url, '--error', '0.1', '--token', 'none.txt', '-o', 'got-with-token.glb');
+    assert.equal(tokenless.status, BAD_INPUT);
+    assert.match(tokenless.stderr, /none\.txt/);
+  } finally {
+    await daemon.stop();
+  }
+});
+
+test('bake that is killed leaves no manifest, and the next one into the same folder is whole', async () => {
+  const large = at('large.ply');
+  fs.writeFileSync(large, asPly(wavySphere(220)));
+  const child = spawn(tool, ['bake', large, '-o', 'killed', '-j', '1'], { cwd: folder, stdio: 'ignore' });
+  const ended = new Promise((resolve) => child.on('exit', (status, signal) => resolve(signal)));
+  await eventually('the bake has begun', () => fs.existsSync(at('killed')), 20);
+  await new Promise((resolve) => setTimeout(resolve, 150));
+  child.kill('SIGKILL');
+  assert.equal(await ended, 'SIGKILL', 'it was done before it could be killed');
+  assert.ok(!fs.existsSync(at('killed', 'manifest.json')));
+  assert.equal((await lodestream('inspect', 'killed')).status, BAD_INPUT);
+  await facts('bake', model, '-o', 'killed');
+  for (const level of manifestOf('killed').families.cluster.levels) assert.equal(sha256(fs.readFileSync(levelPath('killed', level))), level.object);
+});
