@@ -5,6 +5,7 @@ extern "C" {
 
 #include "codec/import/gltf.h"
 
+#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -226,6 +227,8 @@ enum lod_status lod_gltf_parse(const char *json, size_t size, int32_t no_view, s
     if (!loader.LoadASCIIFromString(&model, &error, &warning, json, static_cast<unsigned int>(size), "")) {
       for (char &c : error)
         c = c == '\n' ? ' ' : c;
+      while (!error.empty() && std::isspace(static_cast<unsigned char>(error.back())) != 0)
+        error.pop_back();
       std::snprintf(message, 200, "%s", error.c_str());
       return LOD_BAD_INPUT;
     }

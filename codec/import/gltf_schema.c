@@ -436,7 +436,7 @@ static enum lod_status check_version(struct lod_gltf_document *document) {
   if (!json_is_object(asset) || !version)
     return lod_reader_bad(document->reader, "bad-json", "asset.version is missing; expected \"2.0\"");
   if (strncmp(version, "2.", 2) != 0)
-    return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-version", "glTF version %.20s; expected 2.0", version);
+    return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-version", "glTF version \"%.20s\"; expected 2.0", version);
   if (least && strcmp(least, "2.0") != 0)
     return lod_reader_fail(document->reader, LOD_UNSUPPORTED, "unsupported-version", "needs glTF version %.20s; this reader knows 2.0",
                            least);
