@@ -1,7 +1,7 @@
 /* Writes the sample models of `make run` as binary PLY: sample knot|tree OUT.ply
  *
  * knot: a trefoil knot of a ribbed, beaded tube with vertex colours, 256 000 triangles, closed.
- * tree: a leafless tree of thin closed tubes in a pot, which clustering turns into thick edges. */
+ * tree: a leafless tree of thin closed tubes, which clustering turns into thick edges. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -79,7 +79,7 @@ static void write_knot(FILE *out) {
 
 static void write_tree(FILE *out) {
   struct lod_arena *arena = lod_arena_create(0);
-  struct lod_mesh tree = lod_shape_tree(arena, 7, true);
+  struct lod_mesh tree = lod_shape_tree(arena, 7, false);
   put_header(out, tree.vertex_count, tree.triangle_count, 0);
   for (uint32_t v = 0; v < tree.vertex_count; v++) { /* z is up in the shapes, y in the viewer */
     float xyz[3] = {tree.positions[v][0], tree.positions[v][2], -tree.positions[v][1]};
