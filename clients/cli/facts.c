@@ -36,13 +36,14 @@ json_t *cli_topology_json(const struct lod_topology *t) {
 
 void cli_print_topology(const struct lod_topology *t) {
   char a[32], b[32];
-  printf("  %s vertices, %s triangles, %u components, ", cli_count(t->vertices, a), cli_count(t->triangles, b), t->components);
+  printf("  %s vertices, %s triangles, %u component%s, ", cli_count(t->vertices, a), cli_count(t->triangles, b), t->components,
+         t->components == 1 ? "" : "s");
   if (t->has_genus)
     printf("genus %lld, ", (long long)t->genus);
   if (t->closed)
     printf("closed");
   else
-    printf("%u boundary loops", t->boundary_loops);
+    printf("%u boundary loop%s", t->boundary_loops, t->boundary_loops == 1 ? "" : "s");
   printf("\n");
   const struct {
     uint32_t count;
