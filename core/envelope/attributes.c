@@ -166,3 +166,79 @@ enum lod_status lod_envelope_sample_attributes(const struct lod_collapser *c, st
   lod_arena_destroy(scratch);
   return LOD_OK;
 }
+
+/* ---- how far they are from the source's ---- */
+
+struct deviation {
+  double distance; /* of the points compared; INFINITY = none yet */
+  double uv[LOD_UV_SETS], normal_cosine;
+};
+
+static struct lod_vec3 mixed_normal(const struct lod_mesh *mesh, const uint32_t w[3], const double weights[3]) {
+  struct lod_vec3 n = {0, 0, 0};
+  for (int k = 0; k < 3; k++)
+    n = lod_vec3_add_scaled(n, lod_vec3_from_float(mesh->normals[w[k]]), weights[k]);
+  return lod_vec3_normalize(n);
+}
+
+static void corners_of(const struct lod_mesh *mesh, uint32_t t, struct lod_vec3 p[3]) {
+  for (int k = 0; k < 3; k++)
+    p[k] = lod_vec3_from_float(mesh->positions[mesh->triangles[t][k]]);
+}
+
+/* The centre of source triangle t against its nearest point on triangle u of the result, when that is nearer than what d holds. */
+static void compare(const struct lod_mesh *source, uint32_t t, const struct lod_mesh *result, uint32_t u, struct deviation *d) {
+  static const double kThirds[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
+  struct lod_vec3 p[3], q[3];
+  corners_of(source, t, p);
+  corners_of(result, u, q);
+  struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
+  struct lod_vec3 nearest = lod_closest_on_triangle(centre, q[0], q[1], q[2]);
+  double distance = lod_vec3_distance_squared(centre, nearest), weights[3];
+  if (distance >= d->distance)
+    return;
+  d->distance = distance;
+  barycentrics(nearest, q[0], q[1], q[2], weights);
+  const uint32_t *w = source->corners[t], *x = result->corners[u];
+  for (int set = 0; set < LOD_UV_SETS; set++) {
+    double difference[2] = {0, 0};
+    for (int i = 0; i < 2 && source->uvs[set] != NULL; i++)
+      for (int k = 0; k < 3; k++)
+        difference[i] += kThirds[k] * (double)source->uvs[set][w[k]][i] - weights[k] * (double)result->uvs[set][x[k]][i];
+    d->uv[set] = hypot(difference[0], difference[1]);
+  }
+  if (source->normals != NULL)
+    d->normal_cosine = lod_vec3_dot(mixed_normal(source, w, kThirds), mixed_normal(result, x, weights));
+}
+
+enum lod_status lod_envelope_measure_attributes(const struct lod_collapser *c, struct lod_arena *arena, const struct lod_mesh *result,
+                                                struct lod_envelope_report *report) {
+  if (c->mesh->wedge_count == 0)
+    return LOD_OK;
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  struct deviation *deviations = scratch == NULL ? NULL : LOD_NEW(scratch, c->mesh->triangle_count, struct deviation);
+  if (deviations == NULL) {
+    lod_arena_destroy(scratch);
+    return LOD_MEMORY;
+  }
+  for (uint32_t t = 0; t < c->mesh->triangle_count; t++)
+    deviations[t] = (struct deviation){.distance = INFINITY, .normal_cosine = 1};
+  for (uint32_t f = 0, u = 0; f < c->surface.face_count; f++) {
+    if (c->surface.face[f][0] == LOD_NONE)
+      continue;
+    for (uint32_t i = 0; i < lod_certificate_charge_count(c->certificate, f); i++) {
+      uint32_t t = lod_certificate_charge(c->certificate, f, i);
+      if (t != LOD_NONE && c->patch[t] == c->patch[f])
+        compare(c->mesh, t, result, u, &deviations[t]);
+    }
+    u++;
+  }
+  for (uint32_t t = 0; t < c->mesh->triangle_count; t++) {
+    for (int set = 0; set < LOD_UV_SETS; set++)
+      report->uv[set] = fmax(report->uv[set], deviations[t].uv[set]);
+    double degrees = acos(fmax(-1, fmin(1, deviations[t].normal_cosine))) * 57.29577951308232;
+    report->normal_degrees = fmax(report->normal_degrees, degrees);
+  }
+  lod_arena_destroy(scratch);
+  return LOD_OK;
+}

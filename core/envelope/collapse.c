@@ -295,6 +295,7 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
   double cost[4];
   int count = placements(c, a, b, b_stays, place, cost);
   double gate = c->gate * (c->quadric[a].weight + c->quadric[b].weight);
+  bool on_curve = c->surface.kind[a] == LOD_VERTEX_CURVE;
   struct attempt attempt;
   attempt.collapser = c;
   attempt.change.gather = gather_neighbours;
@@ -304,6 +305,9 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
   for (int i = 0; i < count && i < most; i++) {
     if (cost[i] > gate)
       break;
+    uint32_t stands_for = LOD_NONE;
+    if (on_curve && !lod_curves_allow(&c->curves, &c->surface, a, b, place[i], c->epsilon, &stands_for))
+      continue;
     if (!gather_fresh(c, a, b, place[i], &attempt))
       continue;
     attempt.change.witness = known ? witness->triangle : LOD_NONE;
@@ -316,6 +320,8 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
       continue;
     }
     LOD_TRY(lod_surface_collapse(&c->surface, a, b, place[i]));
+    if (on_curve)
+      lod_curves_collapse(&c->curves, &c->surface, b, stands_for);
     LOD_TRY(lod_certificate_commit(c->certificate, &attempt.change));
     lod_quadric_add(&c->quadric[b], &c->quadric[a]);
     c->stamp[a]++;
@@ -365,6 +371,7 @@ static enum lod_status run_pass(struct lod_collapser *c, int places, const struc
 }
 
 static void set_epsilon(struct lod_collapser *c, double epsilon, double gate) {
+  c->epsilon = epsilon;
   lod_certificate_set_epsilon(c->certificate, epsilon);
   c->gate = gate * epsilon * epsilon;
   for (size_t i = 0; i < (size_t)1 << WITNESS_SLOTS_LOG2; i++)
@@ -496,6 +503,7 @@ enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct l
   memset(c->witnesses, 0xff, ((size_t)1 << WITNESS_SLOTS_LOG2) * sizeof *c->witnesses);
   for (uint32_t v = 0; v < mesh->vertex_count; v++)
     c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
+  LOD_TRY(lod_curves_create(mesh, &c->surface, arena, &c->curves));
   LOD_TRY(host_degenerate(c));
   init_quadrics(c);
   LOD_TRY(find_patches(c));

@@ -3,12 +3,26 @@
  * Based on: Varshney, Agarwal, Brooks, Wright, Weber. Generating Levels of Detail for Large-Scale Polygonal Models. 1995 (the two-sided
  * epsilon-approximation). Where we differ, and why:
  * - Certified edge collapses instead of a cover by candidate triangles: near-linear in the triangles, and vertices may move.
- * - Every level is certified against the source, not against the level before: epsilons do not add up over the cascade (P4-16). */
+ * - Every level is certified against the source, not against the level before: epsilons do not add up over the cascade (P4-16).
+ * - Lines (boundaries, seams, creases, borders of materials) are certified against the source's lines as well (curves.h; P4-14).
+ *
+ * Not built: the candidate cover itself with its reported bound (P4-3 to P4-12), epsilon per region (P4-15), flips and relocation after the
+ * collapses, and a test that no face newly crosses another: levels keep the topology, but may intersect themselves where the source comes
+ * closer to itself than epsilon. */
 #ifndef LOD_CORE_ENVELOPE_ENVELOPE_H
 #define LOD_CORE_ENVELOPE_ENVELOPE_H
 
 #include "core/envelope/collapse.h"
 #include "core/level/hierarchy.h"
+
+/* How far attributes of a level are from the source's: the largest difference found at the centres of all source triangles, each against
+ * the nearest point of the level on its side of seams and creases. Sampled, unlike positions: a figure, not a bound. */
+struct lod_envelope_report {
+  double epsilon; /* of the level, as certified before quantisation; 0 = the level was left out */
+  uint64_t triangles;
+  double uv[LOD_UV_SETS]; /* units of UV: times the texture's width it is texels */
+  double normal_degrees;
+};
 
 struct lod_envelope_settings {
   const double *epsilons; /* model units, > 0, strictly increasing (finest first); NULL = the ladder of lod_envelope_ladder */
@@ -18,7 +32,8 @@ struct lod_envelope_settings {
   double least_gain;     /* a level that saves less than this share of the triangles of the one before is left out; 0 = none; 0.1 */
   double crease_degrees; /* an edge across which the source's own normals jump by more is a crease and stays a line; 30 */
   struct lod_collapse_settings collapse;
-  uint32_t threads; /* as lod_parallel_for; results do not depend on it */
+  struct lod_envelope_report *reports; /* one an epsilon, caller's; or NULL */
+  uint32_t threads;                    /* as lod_parallel_for; results do not depend on it */
 };
 struct lod_envelope_settings lod_envelope_defaults(void);
 
@@ -38,5 +53,9 @@ LOD_WARN_UNUSED enum lod_status lod_envelope_features(const struct lod_mesh *mes
  * none. */
 LOD_WARN_UNUSED enum lod_status lod_envelope_sample_attributes(const struct lod_collapser *collapser, struct lod_arena *arena,
                                                                struct lod_mesh *result);
+
+/* Worsens the attribute figures of `report` by those of `result`, which lod_envelope_sample_attributes has made. */
+LOD_WARN_UNUSED enum lod_status lod_envelope_measure_attributes(const struct lod_collapser *collapser, struct lod_arena *arena,
+                                                                const struct lod_mesh *result, struct lod_envelope_report *report);
 
 #endif

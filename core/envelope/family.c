@@ -23,6 +23,7 @@ struct run {
   struct lod_arena *arena; /* of the collapser: as long as the family runs */
   struct lod_collapser *collapser;
   struct lod_arena *level_arena; /* of the current level */
+  struct lod_envelope_report report;
   enum lod_status status;
 };
 
@@ -35,6 +36,7 @@ struct ladder {
   struct lod_mesh *meshes;
   uint32_t **nearby;
   enum lod_status (*step)(struct ladder *ladder, uint32_t u); /* what for_units does */
+  struct lod_envelope_report *report;                         /* of the current level, or NULL */
   uint64_t last_triangles;                                    /* of the level emitted last, or of the source */
 };
 
@@ -60,7 +62,10 @@ static enum lod_status extract_unit(struct ladder *ladder, uint32_t u) {
   if (ladder->nearby[u] == NULL)
     return LOD_MEMORY;
   LOD_TRY(lod_collapser_extract(run->collapser, run->level_arena, &ladder->meshes[u], ladder->nearby[u]));
-  return lod_envelope_sample_attributes(run->collapser, run->level_arena, &ladder->meshes[u]);
+  LOD_TRY(lod_envelope_sample_attributes(run->collapser, run->level_arena, &ladder->meshes[u]));
+  run->report = (struct lod_envelope_report){0};
+  return ladder->report == NULL ? LOD_OK
+                                : lod_envelope_measure_attributes(run->collapser, run->level_arena, &ladder->meshes[u], &run->report);
 }
 
 static void unit_chunk(void *context, size_t begin, size_t end, size_t chunk) {
@@ -78,6 +83,13 @@ static enum lod_status for_units(struct ladder *ladder, enum lod_status (*step)(
   return LOD_OK;
 }
 
+static void add_report(struct lod_envelope_report *sum, const struct lod_envelope_report *unit, uint32_t triangles) {
+  sum->triangles += triangles;
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    sum->uv[set] = fmax(sum->uv[set], unit->uv[set]);
+  sum->normal_degrees = fmax(sum->normal_degrees, unit->normal_degrees);
+}
+
 static enum lod_status emit_level(struct ladder *ladder, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
   enum lod_status status = LOD_OK;
   for (uint32_t u = 0; u < ladder->run_count; u++) {
@@ -87,6 +99,8 @@ static enum lod_status emit_level(struct ladder *ladder, struct lod_arena *arena
   }
   if (status == LOD_OK)
     status = for_units(ladder, extract_unit);
+  for (uint32_t u = 0; status == LOD_OK && ladder->report != NULL && u < ladder->run_count; u++)
+    add_report(ladder->report, &ladder->runs[u].report, ladder->meshes[u].triangle_count);
   if (status == LOD_OK) {
     struct lod_level level = {.meshes = ladder->meshes, .nearby = ladder->nearby, .bound = ladder->epsilon};
     status = sink(sink_context, &level);
@@ -106,6 +120,8 @@ static enum lod_status build_level(struct ladder *ladder, struct lod_arena *aren
   if ((double)triangles > (1 - ladder->settings->least_gain) * (double)ladder->last_triangles)
     return LOD_OK;
   ladder->last_triangles = triangles;
+  if (ladder->report != NULL)
+    ladder->report->epsilon = ladder->epsilon;
   return emit_level(ladder, arena, sink, sink_context);
 }
 
@@ -138,6 +154,9 @@ static enum lod_status climb(struct ladder *ladder, const double *epsilons, uint
     if (lod_progress_cancelled(ladder->progress))
       return LOD_CANCELLED;
     ladder->epsilon = epsilons[i] * unit_of_epsilon * (1 - ladder->settings->reserve);
+    ladder->report = ladder->settings->reports == NULL ? NULL : &ladder->settings->reports[i];
+    if (ladder->report != NULL)
+      *ladder->report = (struct lod_envelope_report){0};
     LOD_TRY(build_level(ladder, arena, sink, sink_context));
   }
   return LOD_OK;

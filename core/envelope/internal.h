@@ -4,6 +4,7 @@
 
 #include "core/envelope/certificate.h"
 #include "core/envelope/collapse.h"
+#include "core/envelope/curves.h"
 #include "core/envelope/surface.h"
 
 struct lod_quadric;
@@ -17,6 +18,8 @@ struct lod_collapser {
   struct lod_collapse_settings settings;
   struct lod_surface surface;
   struct lod_certificate *certificate;
+  struct lod_curves curves;
+  double epsilon;              /* of the current stage */
   struct lod_quadric *quadric; /* per vertex */
   uint32_t *near;              /* per vertex: a source triangle near it */
   uint32_t *stamp;             /* per vertex: changes with it */

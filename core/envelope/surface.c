@@ -74,20 +74,26 @@ static bool is_one_fan(const struct lod_surface *s, uint32_t v) {
   return reached == (count == 64 ? ~(uint64_t)0 : ((uint64_t)1 << count) - 1);
 }
 
-static void classify(struct lod_surface *s, uint32_t v) {
+uint32_t lod_surface_feature_ends(const struct lod_surface *s, uint32_t v, uint32_t ends[2]) {
   const uint32_t *ring = lod_surface_ring(s, v);
-  uint32_t feature_ends[3], feature_count = 0;
-  for (uint32_t i = 0; i < s->ring_count[v] && feature_count < 3; i++)
-    for (int k = 0; k < 3; k++) {
+  uint32_t count = 0;
+  for (uint32_t i = 0; i < s->ring_count[v] && count < 3; i++)
+    for (int k = 0; k < 3 && count < 3; k++) {
       uint32_t w = s->face[ring[i]][k];
       if (w == v || !edge_is_feature(s, ring[i], v, w))
         continue;
-      bool known = false;
-      for (uint32_t j = 0; j < feature_count; j++)
-        known = known || feature_ends[j] == w;
-      if (!known && feature_count < 3)
-        feature_ends[feature_count++] = w;
+      bool known = (count > 0 && ends[0] == w) || (count > 1 && ends[1] == w);
+      if (!known && count < 2)
+        ends[count] = w;
+      count += !known;
     }
+  return count;
+}
+
+static void classify(struct lod_surface *s, uint32_t v) {
+  const uint32_t *ring = lod_surface_ring(s, v);
+  uint32_t ends[2];
+  uint32_t feature_count = lod_surface_feature_ends(s, v, ends);
   bool manifold = is_one_fan(s, v);
   for (uint32_t i = 0; i < s->ring_count[v] && manifold; i++)
     for (int k = 0; k < 3; k++) {

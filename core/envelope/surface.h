@@ -42,6 +42,9 @@ static inline int lod_surface_corner(const struct lod_surface *surface, uint32_t
 /* Whether f and g share an edge that is no feature. */
 bool lod_surface_smooth_neighbours(const struct lod_surface *surface, uint32_t f, uint32_t g);
 
+/* The far ends of v's feature edges; at most two are listed, the number of all of them (up to 3) is returned. */
+uint32_t lod_surface_feature_ends(const struct lod_surface *surface, uint32_t v, uint32_t ends[2]);
+
 /* Whether collapsing edge (a, b) keeps the topology and lets features be; *b_stays: the result must stay at b's place. */
 bool lod_surface_can_collapse(const struct lod_surface *surface, uint32_t a, uint32_t b, bool *b_stays);
 

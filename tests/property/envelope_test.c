@@ -9,6 +9,7 @@
 #include <cmocka.h>
 
 #include "core/envelope/envelope.h"
+#include "core/mesh/adjacency.h"
 #include "core/mesh/distance.h"
 #include "core/mesh/topology.h"
 #include "tests/data/ply.h"
@@ -24,6 +25,37 @@ struct check {
   uint32_t levels, last_triangles;
 };
 
+/* Boundaries and borders of materials as free edges. */
+static struct lod_mesh lines_of(struct lod_arena *arena, const struct lod_mesh *mesh) {
+  struct lod_adjacency adjacency;
+  assert_int_equal(lod_adjacency_create(mesh, arena, &adjacency), LOD_OK);
+  struct lod_mesh lines = {.vertex_count = mesh->vertex_count, .positions = mesh->positions};
+  lines.edges = lod_arena_alloc(arena, 3 * (size_t)mesh->triangle_count, sizeof *lines.edges);
+  assert_non_null(lines.edges);
+  for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) {
+    uint32_t twin = adjacency.twin[h];
+    bool line = twin == LOD_NONE || (mesh->materials != NULL && mesh->materials[h / 3] != mesh->materials[twin / 3]);
+    if (adjacency.edge_of[h] == LOD_NONE || !line)
+      continue;
+    lines.edges[lines.edge_count][0] = mesh->triangles[h / 3][h % 3];
+    lines.edges[lines.edge_count++][1] = mesh->triangles[h / 3][(h % 3 + 1) % 3];
+  }
+  return lines;
+}
+
+static void check_lines(struct check *check, const struct lod_mesh *mesh, double bound) {
+  struct lod_mesh lines = lines_of(check->arena, mesh), of_source = lines_of(check->arena, check->mesh);
+  assert_int_equal(lines.edge_count == 0, of_source.edge_count == 0);
+  if (lines.edge_count == 0)
+    return;
+  struct lod_distance_settings settings = lod_distance_defaults();
+  settings.threads = 1;
+  struct lod_distance distance;
+  assert_int_equal(lod_distance_measure(&of_source, &lines, &settings, check->arena, &distance), LOD_OK);
+  assert_true(distance.two_sided.lower <= bound * (1 + 1e-9));
+  assert_true(distance.two_sided.upper <= bound * 1.02);
+}
+
 static enum lod_status check_level(void *context, const struct lod_level *level) {
   struct check *check = context;
   const struct lod_mesh *mesh = &level->meshes[0];
@@ -37,6 +69,7 @@ static enum lod_status check_level(void *context, const struct lod_level *level)
   assert_true(distance.two_sided.upper <= level->bound * 1.02);
   assert_true(mesh->triangle_count <= check->last_triangles);
   check->last_triangles = mesh->triangle_count;
+  check_lines(check, mesh, level->bound);
   if (check->topology.manifold) {
     struct lod_topology topology;
     assert_int_equal(lod_topology_measure(mesh, NULL, check->arena, &topology), LOD_OK);
@@ -252,6 +285,62 @@ static void test_soup_is_certified(void **state) {
   with_arena(soup);
 }
 
+static void materials(struct lod_arena *arena) {
+  /* A wavy border, an island with a wavy shore, and a lone triangle of a third material. */
+  struct lod_mesh mesh = lod_shape_grid(arena, 2, 32, 0.1);
+  mesh.materials = LOD_NEW_ZERO(arena, mesh.triangle_count, uint32_t);
+  assert_non_null(mesh.materials);
+  for (uint32_t t = 0; t < mesh.triangle_count; t++) {
+    const uint32_t *v = mesh.triangles[t];
+    double x = (double)(mesh.positions[v[0]][0] + mesh.positions[v[1]][0] + mesh.positions[v[2]][0]) / 3;
+    double y = (double)(mesh.positions[v[0]][1] + mesh.positions[v[1]][1] + mesh.positions[v[2]][1]) / 3;
+    double wave = 0.08 * sin(9 * (x + y));
+    mesh.materials[t] = x < -0.3 + wave ? 1 : hypot(x - 0.4, y) < 0.3 + wave ? 2 : t == 100 ? 3 : 0;
+  }
+  assert_in_range(simplify(arena, mesh, false), 4, 400);
+  assert_in_range(simplify(arena, mesh, true), 4, 500);
+}
+
+static void test_borders_of_materials_stay_within_epsilon_of_themselves(void **state) {
+  (void)state;
+  with_arena(materials);
+}
+
+static enum lod_status ignore_level(void *context, const struct lod_level *level) {
+  (void)context;
+  (void)level;
+  return LOD_OK;
+}
+
+static void attributes(struct lod_arena *arena) {
+  /* UV of the flat grid are affine in x and y, so that any level has them exactly; those of the bumpy one drift with the level. */
+  for (int bumpy = 0; bumpy < 2; bumpy++) {
+    struct lod_unit unit = {.mesh = lod_shape_grid(arena, 1, 24, bumpy ? 0.2 : 0), .scale = 1};
+    double epsilons[2] = {0.002, 0.05};
+    struct lod_envelope_report reports[2];
+    struct lod_envelope_settings settings = lod_envelope_defaults();
+    settings.epsilons = epsilons;
+    settings.epsilon_count = 2;
+    settings.least_gain = 0;
+    settings.reports = reports;
+    struct lod_problem problem = {0};
+    assert_int_equal(lod_envelope_family.build(&unit, 1, &settings, NULL, arena, ignore_level, NULL, &problem), LOD_OK);
+    assert_true(reports[0].triangles >= reports[1].triangles && reports[1].triangles >= 2);
+    assert_true(reports[0].epsilon < reports[1].epsilon);
+    if (!bumpy) {
+      assert_true(reports[1].uv[0] < 1e-5);
+    } else {
+      assert_true(reports[0].uv[0] > 0 && reports[0].uv[0] < 0.05);
+      assert_true(reports[1].uv[0] < 0.3);
+    }
+  }
+}
+
+static void test_the_report_tells_how_far_uv_drift(void **state) {
+  (void)state;
+  with_arena(attributes);
+}
+
 static void degenerate(struct lod_arena *arena) {
   /* A grid, a triangle without area on one of its edges, and one that sticks out as a segment with nothing else there. */
   struct lod_mesh grid = lod_shape_grid(arena, 1, 10, 0.05);
@@ -300,6 +389,8 @@ int main(void) {
       cmocka_unit_test(test_bow_ties_and_books_are_certified),
       cmocka_unit_test(test_needle_triangles_are_certified),
       cmocka_unit_test(test_soup_is_certified),
+      cmocka_unit_test(test_borders_of_materials_stay_within_epsilon_of_themselves),
+      cmocka_unit_test(test_the_report_tells_how_far_uv_drift),
       cmocka_unit_test(test_degenerate_triangles_are_part_of_the_source),
       cmocka_unit_test(test_a_scan_is_certified),
   };
