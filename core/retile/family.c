@@ -1,0 +1,100 @@
+/* Re-tiling as a family: each unit gets its share of every level's vertices, by area. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/retile/internal.h"
+
+static double unit_area(const struct lod_unit *unit) {
+  const struct lod_mesh *mesh = &unit->mesh;
+  double area = 0;
+  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+    struct lod_vec3 p[3];
+    for (int i = 0; i < 3; i++)
+      p[i] = lod_vec3_from_float(mesh->positions[mesh->triangles[t][i]]);
+    area += 0.5 * lod_vec3_length(lod_vec3_cross(lod_vec3_subtract(p[1], p[0]), lod_vec3_subtract(p[2], p[0])));
+  }
+  return area * unit->scale * unit->scale;
+}
+
+static int compare_counts(const void *a, const void *b) {
+  uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+  return (x > y) - (x < y);
+}
+
+/* The whole model's counts, coarsest first. */
+static uint32_t model_counts(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s, uint32_t counts[LOD_RETILE_MAX_LEVELS]) {
+  if (s->vertices != NULL) {
+    memcpy(counts, s->vertices, s->level_count * sizeof *counts);
+    qsort(counts, s->level_count, sizeof *counts, compare_counts);
+    return s->level_count;
+  }
+  double vertices = 0;
+  for (uint32_t u = 0; u < unit_count; u++)
+    vertices += units[u].mesh.vertex_count;
+  double steps = fmax(0, floor(log(fmax(1, vertices) / s->least) / log(s->ratio) + 0.5));
+  uint32_t level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
+  for (uint32_t k = 0; k < level_count; k++)
+    counts[k] = (uint32_t)lrint(fmin(4e9, vertices / pow(s->ratio, level_count - 1 - k)));
+  return level_count;
+}
+
+static enum lod_status build_unit(const struct lod_unit *unit, double share, const struct lod_retile_settings *settings, const uint32_t *counts,
+                                  uint32_t level_count, const struct lod_progress *progress, struct lod_arena *arena, struct lod_retile *retile,
+                                  struct lod_problem *problem) {
+  uint32_t own[LOD_RETILE_MAX_LEVELS];
+  struct lod_retile_settings s = *settings;
+  for (uint32_t k = 0; k < level_count; k++) {
+    own[k] = (uint32_t)fmax(4, lrint(counts[k] * share));
+    if (settings->vertices == NULL && own[k] > unit->mesh.vertex_count)
+      own[k] = unit->mesh.vertex_count;
+  }
+  s.vertices = own;
+  s.level_count = level_count;
+  return lod_retile_create(&unit->mesh, &s, progress, arena, retile, problem);
+}
+
+static enum lod_status emit(const struct lod_retile *retiles, uint32_t unit_count, uint32_t level_count, struct lod_arena *arena, lod_level_sink *sink,
+                            void *sink_context) {
+  struct lod_mesh *meshes;
+  uint32_t **parents;
+  RETILE_TRY_NEW(meshes, arena, unit_count);
+  RETILE_TRY_NEW(parents, arena, unit_count);
+  for (uint32_t k = level_count; k-- > 0;) {
+    for (uint32_t u = 0; u < unit_count; u++) {
+      meshes[u] = retiles[u].levels[k].mesh;
+      parents[u] = retiles[u].levels[k].parents;
+    }
+    struct lod_level level = {.meshes = meshes, .parents = k + 1 < level_count ? parents : NULL, .bound = INFINITY};
+    LOD_TRY(sink(sink_context, &level));
+  }
+  return LOD_OK;
+}
+
+static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *family_settings, const struct lod_progress *progress,
+                             struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem) {
+  struct lod_retile_settings settings = family_settings == NULL ? lod_retile_defaults() : *(const struct lod_retile_settings *)family_settings;
+  uint32_t counts[LOD_RETILE_MAX_LEVELS];
+  if (settings.vertices != NULL && (settings.level_count == 0 || settings.level_count > LOD_RETILE_MAX_LEVELS))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-vertices", "Between 1 and %d vertex counts can be asked for, not %u.", LOD_RETILE_MAX_LEVELS, settings.level_count);
+  uint32_t level_count = model_counts(units, unit_count, &settings, counts);
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  struct lod_retile *retiles = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, unit_count, struct lod_retile);
+  enum lod_status status = retiles == NULL ? lod_fail_memory(problem) : LOD_OK;
+  double area = 0;
+  for (uint32_t u = 0; u < unit_count; u++)
+    area += unit_area(&units[u]);
+  for (uint32_t u = 0; u < unit_count && status == LOD_OK; u++)
+    status = build_unit(&units[u], area > 0 ? unit_area(&units[u]) / area : 1.0 / unit_count, &settings, counts, level_count, progress, scratch, &retiles[u], problem);
+  if (status == LOD_OK)
+    status = emit(retiles, unit_count, level_count, scratch, sink, sink_context);
+  lod_arena_destroy(scratch);
+  return status;
+}
+
+const struct lod_family lod_retile_family = {
+    .name = "retile",
+    .sentence = "well-shaped triangles at any number of vertices, each level's vertices among the finer one's",
+    .nested = true,
+    .build = build,
+};

@@ -1,0 +1,79 @@
+/* Flips for better triangles (Turk 1992, 4.5): Delaunay, unless the surface would be missed by more, or a triangle would look away from it. */
+#include <math.h>
+
+#include "core/retile/internal.h"
+
+/* Normals of vertices on lines are means over both sides and say nothing. */
+static bool has_normal(const struct tiling *t, uint32_t v) {
+  const uint32_t *w = t->points[v].weights;
+  return v < t->sheet->vertex_count ? !t->sheet->on_line[v] : w[0] != 0 && w[1] != 0 && w[2] != 0;
+}
+
+static struct lod_vec3 unit_normal(const struct tiling *t, uint32_t a, uint32_t b, uint32_t c) {
+  return lod_vec3_normalize(lod_vec3_cross(lod_vec3_subtract(t->positions[b], t->positions[a]), lod_vec3_subtract(t->positions[c], t->positions[a])));
+}
+
+/* How far the surface bulges over an edge, from the normals at its ends. */
+static double bulge(const struct tiling *t, uint32_t a, uint32_t b) {
+  if (!has_normal(t, a) || !has_normal(t, b))
+    return 0;
+  return fabs(lod_vec3_dot(lod_vec3_subtract(t->positions[b], t->positions[a]), lod_vec3_subtract(t->normals[b], t->normals[a]))) / 8;
+}
+
+static double least_facing(const struct tiling *t, struct lod_vec3 n, const uint32_t v[3]) {
+  double least = 1;
+  for (int k = 0; k < 3; k++)
+    if (has_normal(t, v[k]))
+      least = fmin(least, lod_vec3_dot(n, t->normals[v[k]]));
+  return least;
+}
+
+/* Cosine and sine of the angle at p, both times the product of its sides. */
+static void corner(const struct tiling *t, uint32_t p, uint32_t a, uint32_t b, double *cosine, double *sine) {
+  struct lod_vec3 u = lod_vec3_subtract(t->positions[a], t->positions[p]), w = lod_vec3_subtract(t->positions[b], t->positions[p]);
+  *cosine = lod_vec3_dot(u, w);
+  *sine = lod_vec3_length(lod_vec3_cross(u, w));
+}
+
+static bool wants_flip(const struct tiling *t, const uint32_t v[4]) {
+  double cc, sc, cd, sd;
+  corner(t, v[2], v[0], v[1], &cc, &sc);
+  corner(t, v[3], v[0], v[1], &cd, &sd);
+  bool delaunay = sc * cd + cc * sd >= -1e-9 * (fabs(cc) + sc) * (fabs(cd) + sd);
+  const uint32_t old[2][3] = {{v[0], v[1], v[2]}, {v[1], v[0], v[3]}}, fresh[2][3] = {{v[2], v[0], v[3]}, {v[3], v[1], v[2]}};
+  struct lod_vec3 n[4];
+  double before = 1, after = 1;
+  for (int i = 0; i < 2; i++) {
+    n[i] = unit_normal(t, old[i][0], old[i][1], old[i][2]);
+    n[2 + i] = unit_normal(t, fresh[i][0], fresh[i][1], fresh[i][2]);
+    before = fmin(before, least_facing(t, n[i], old[i]));
+    after = fmin(after, least_facing(t, n[2 + i], fresh[i]));
+  }
+  double bend_before = lod_vec3_dot(n[0], n[1]), bend_after = lod_vec3_dot(n[2], n[3]);
+  if (before < 0.3 && after > before + 0.2 && bend_after > bend_before)
+    return true; /* a fold opens */
+  if (delaunay)
+    return false;
+  if (after < 0.5 && after < before)
+    return false;
+  if (bend_after < bend_before - 0.1 && bend_after < 0.8)
+    return false;
+  double length = lod_vec3_distance(t->positions[v[0]], t->positions[v[1]]);
+  return bulge(t, v[2], v[3]) <= 2 * bulge(t, v[0], v[1]) + 0.02 * length;
+}
+
+void improve_flips(struct tiling *tiling, uint32_t passes) {
+  for (uint32_t pass = 0; pass < passes; pass++) {
+    uint32_t flips = 0;
+    for (uint32_t h = 0; h < 3 * tiling->face_count; h++) {
+      uint32_t g = tiling->twin[h];
+      if (tiling->faces[h / 3][0] == LOD_NONE || g == LOD_NONE || g < h || tiling->marks[h] != 0)
+        continue;
+      const uint32_t v[4] = {tiling->faces[h / 3][h % 3], tiling->faces[g / 3][g % 3], tiling->faces[h / 3][(h + 2) % 3], tiling->faces[g / 3][(g + 2) % 3]};
+      if (wants_flip(tiling, v) && chart_flip(tiling, h))
+        flips++;
+    }
+    if (flips == 0)
+      break;
+  }
+}

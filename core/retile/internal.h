@@ -1,0 +1,207 @@
+/* Inside core/retile. */
+#ifndef LOD_CORE_RETILE_INTERNAL_H
+#define LOD_CORE_RETILE_INTERNAL_H
+
+#include "core/mesh/adjacency.h"
+#include "core/retile/retile.h"
+
+#define RETILE_TRY_NEW(pointer, arena, count)                                                \
+  do {                                                                                       \
+    if (((pointer) = lod_arena_alloc((arena), (count), sizeof *(pointer))) == NULL)          \
+      return LOD_MEMORY;                                                                     \
+  } while (0)
+#define RETILE_TRY_NEW_ZERO(pointer, arena, count)                                           \
+  do {                                                                                       \
+    if (((pointer) = lod_arena_calloc((arena), (count), sizeof *(pointer))) == NULL)         \
+      return LOD_MEMORY;                                                                     \
+  } while (0)
+
+/* ---- sheet.c: the source as a manifold, cut where it is none, with its feature lines ---- */
+
+/* One step of a line: along an edge, given by a half-edge of it and whether the line runs against that. */
+struct sheet_step {
+  uint32_t half_edge;
+  bool reversed;
+};
+
+struct sheet_line {
+  uint32_t begin, end; /* steps */
+  bool closed;         /* no corner on it: it goes around */
+  bool cut;            /* an edge where the surface is cut: nothing is added or removed there */
+  double length;       /* in units of the spacing field */
+};
+
+/* Faces are the mesh's triangles by number; those that take no part have LOD_NONE as first corner. Vertices are the fans of adjacency.h. */
+struct sheet {
+  const struct lod_mesh *mesh;
+  uint32_t vertex_count, face_count;
+  const uint32_t *origin; /* vertex_count: mesh vertex */
+  uint32_t *copies;       /* vertex_count: the next vertex of the same mesh vertex, around */
+  bool *fixed;            /* vertex_count: corners of features and vertices of cuts: never removed */
+  bool *on_line;          /* vertex_count: has feature edges */
+  struct lod_vec3 *positions;
+  uint32_t (*faces)[3];
+  const uint32_t *twin; /* 3 * face_count */
+  uint8_t *marks;       /* 3 * face_count: lod_feature_flag bits */
+  double *areas;        /* face_count */
+  struct lod_vec3 *normals;        /* face_count, unit; zero where there is no area */
+  struct lod_vec3 *vertex_normals; /* vertex_count, unit, angle-weighted */
+  double *spacing;                 /* vertex_count: wanted distance of points relative to the mean, > 0 */
+  double area;                     /* all */
+  double weighted_area;            /* in units of the spacing field */
+  uint32_t fixed_count;            /* mesh vertices, not copies */
+  struct sheet_step *steps;
+  struct sheet_line *lines;
+  uint32_t line_count;
+};
+
+/* scale: length below which details of feature lines do not matter, model units. */
+LOD_WARN_UNUSED enum lod_status sheet_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, double scale,
+                                             struct lod_arena *arena, struct sheet *sheet);
+/* A place on the sheet. */
+struct lod_vec3 sheet_position(const struct sheet *sheet, const struct lod_retile_point *point);
+double sheet_spacing(const struct sheet *sheet, const struct lod_retile_point *point);
+double sheet_step_length(const struct sheet *sheet, const struct sheet_step *step); /* in units of the spacing field */
+
+/* ---- place.c: nested points ---- */
+
+/* birth: the coarsest level that a point belongs to. A point on a vertex has `vertex` set, one on an edge has one weight 0. */
+struct site {
+  struct lod_retile_point point;
+  uint32_t vertex; /* sheet vertex that the point is, or LOD_NONE */
+  uint8_t birth;
+};
+struct sites {
+  struct site *items;
+  uint32_t count;
+};
+
+/* counts: vertices of each level, coarsest first, ascending. Fixed vertices are not among the sites but count. */
+LOD_WARN_UNUSED enum lod_status place_sites(const struct sheet *sheet, const struct lod_retile_settings *settings, const uint32_t *counts,
+                                            uint32_t level_count, const struct lod_progress *progress, struct lod_arena *arena,
+                                            struct sites *sites);
+
+/* ---- repel.c, sample.c: tools of place.c ---- */
+
+struct cloud_point {
+  struct lod_retile_point at;
+  struct lod_vec3 position, normal;
+  double spacing; /* relative */
+};
+
+/* Points by position for neighbours within a radius. */
+struct cloud_grid {
+  double cell, origin[3];
+  uint32_t mask;
+  uint32_t *begin;   /* mask + 2 */
+  uint32_t *members; /* count, by bucket */
+};
+LOD_WARN_UNUSED enum lod_status cloud_grid_create(const struct cloud_point *points, uint32_t count, double cell, struct lod_arena *arena,
+                                                  struct cloud_grid *grid);
+/* Buckets of the up to 27 cells around p, each once; returns how many. */
+int cloud_grid_buckets(const struct cloud_grid *grid, struct lod_vec3 p, uint32_t buckets[27]);
+/* Are the two neighbours on the surface, as far as position and normal tell? Sheets that lie back to back or fold are not (Turk 1992, Fig. 2a). */
+bool cloud_neighbours(const struct cloud_point *a, const struct cloud_point *b, double distance_squared);
+void cloud_place(const struct sheet *sheet, const struct lod_retile_point *at, struct cloud_point *point);
+
+/* Draws `count` points by weighted area. stratified: one from each of `count` parts of equal area. */
+LOD_WARN_UNUSED enum lod_status sample_draw(const struct sheet *sheet, uint32_t count, bool stratified, uint64_t seed, struct lod_arena *arena,
+                                            struct cloud_point *points);
+/* Chooses `keep` of points [fixed, count) so that they and the fixed ones lie far from one another; distance: the wanted one, model units.
+ * kept[i] for all points. */
+LOD_WARN_UNUSED enum lod_status sample_eliminate(const struct cloud_point *points, uint32_t fixed, uint32_t count, uint32_t keep, double distance,
+                                                 struct lod_arena *arena, bool *kept);
+/* Moves points [fixed, count) away from one another and from the fixed ones. */
+LOD_WARN_UNUSED enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *points, uint32_t fixed, uint32_t count, double radius,
+                                             double damping, uint32_t steps, uint32_t threads, struct lod_arena *arena);
+/* Moves a point over the triangles; it slides along features and boundaries. */
+void repel_walk(const struct sheet *sheet, struct cloud_point *point, struct lod_vec3 displacement);
+
+/* ---- tiling.c: triangles that change, and the mutual tessellation ---- */
+
+enum { TILING_OLD = 255 }; /* birth of a vertex of the source that is no candidate */
+
+struct tiling {
+  const struct sheet *sheet;
+  uint32_t vertex_count, face_count; /* slots, dead ones included */
+  struct lod_vec3 *positions;
+  struct lod_vec3 *normals; /* of the source there */
+  struct lod_retile_point *points;
+  uint32_t *copies;   /* as sheet.copies */
+  uint8_t *birth;     /* level, or TILING_OLD */
+  bool *fixed, *dead; /* of vertices */
+  uint32_t *corner;   /* a half-edge that starts at the vertex */
+  uint32_t (*faces)[3]; /* LOD_NONE first: dead */
+  uint32_t *twin;
+  uint8_t *marks;
+  uint32_t *start;  /* of marked half-edges: the source face on their left, at their start */
+  uint32_t *region; /* face_count: a source face of the same side of all lines */
+  /* Vertices removed since the last level, flattened onto today's faces. */
+  struct lod_retile_point *flat; /* vertex_count */
+  uint32_t *flat_next;           /* vertex_count */
+  uint32_t *flat_head;           /* face_count */
+  int64_t (*plane)[2];           /* vertex_count: of a flat point on its way: in the plane of a chart, times ONE */
+};
+
+/* The mutual tessellation of the sheet with the sites. */
+LOD_WARN_UNUSED enum lod_status tiling_create(const struct sheet *sheet, const struct sites *sites, struct lod_arena *arena,
+                                              struct tiling *tiling);
+/* Half-edge from a to b, or LOD_NONE. */
+uint32_t tiling_find(const struct tiling *tiling, uint32_t a, uint32_t b);
+/* The same for any copies of a and b. */
+bool tiling_connected(const struct tiling *tiling, uint32_t a, uint32_t b);
+/* First half-edge of v's fan, counter-clockwise; *closed when there is no first. */
+uint32_t tiling_first(const struct tiling *tiling, uint32_t v, bool *closed);
+/* Turns the edge of half-edge h over; the caller has checked that it may. Flat points stay in the lists of their slots, wrong. */
+void tiling_flip(struct tiling *tiling, uint32_t h);
+void tiling_link(struct tiling *tiling, uint32_t a, uint32_t b);
+bool tiling_check(const struct tiling *tiling);
+struct lod_retile_point tiling_local(const struct tiling *tiling, uint32_t v, uint32_t face);
+
+/* ---- chart.c: neighbourhoods unfolded to integers, and the flat points on them ---- */
+
+enum { CHART_SIDE = 1 << 18 }; /* largest coordinate */
+struct chart_point {
+  int32_t x, y;
+};
+static inline int64_t chart_orient(struct chart_point a, struct chart_point b, struct chart_point c) {
+  return (int64_t)(b.x - a.x) * (c.y - a.y) - (int64_t)(b.y - a.y) * (c.x - a.x);
+}
+/* Takes the flat points off a face whose corners have these places, and puts them before `list`. */
+uint32_t chart_lift(struct tiling *tiling, uint32_t face, const struct chart_point at[3], uint32_t list);
+/* Adds a vertex that is no longer one, at a place of the chart. */
+uint32_t chart_add(struct tiling *tiling, uint32_t v, struct chart_point at, uint32_t list);
+/* Puts the listed points on the face, of `count`, that each lies in. corners: three places for each. */
+void chart_drop(struct tiling *tiling, uint32_t list, const uint32_t *faces, const struct chart_point (*corners)[3], uint32_t count);
+/* Turns the edge of h over and takes the flat points along. False, and nothing done, at a line or border, where the two triangles do not
+ * make a strictly convex quadrangle when they are unfolded, and where the new edge is already there. */
+bool chart_flip(struct tiling *tiling, uint32_t h);
+
+/* ---- remove.c ---- */
+
+/* Removes vertices that `which` chooses, in an order of least error and valence; returns how many are left. */
+LOD_WARN_UNUSED enum lod_status remove_vertices(struct tiling *tiling, bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level),
+                                                uint32_t level, struct lod_arena *arena, uint32_t *left);
+
+/* ---- improve.c ---- */
+void improve_flips(struct tiling *tiling, uint32_t passes);
+
+/* ---- extract.c: a level as a mesh with attributes ---- */
+/* vertex_to: tiling.vertex_count, face_to: tiling.face_count: numbers in the level, LOD_NONE for what is dead. Fills mesh, candidates, retained
+ * and points. */
+LOD_WARN_UNUSED enum lod_status extract_level(const struct tiling *tiling, uint32_t number, struct lod_arena *arena,
+                                              struct lod_retile_level *level, uint32_t *vertex_to, uint32_t *face_to);
+
+static inline uint32_t retile_next(uint32_t h) { return lod_half_edge_next(h); }
+static inline uint32_t retile_previous(uint32_t h) { return lod_half_edge_previous(h); }
+
+/* SplitMix64 (Steele, Lea, Flood 2014). */
+static inline uint64_t retile_random(uint64_t *state) {
+  uint64_t z = *state += 0x9e3779b97f4a7c15u;
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+  return z ^ (z >> 31);
+}
+static inline double retile_random_unit(uint64_t *state) { return (double)(retile_random(state) >> 11) * 0x1p-53; }
+
+#endif

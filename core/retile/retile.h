@@ -1,0 +1,97 @@
+/* Re-tiling: well-shaped triangles at any number of vertices, levels whose vertices contain one another, and maps between them.
+ *
+ * Based on: Turk. Re-Tiling Polygonal Surfaces. SIGGRAPH 92. Points are spread over the source, put into its triangles (the mutual
+ * tessellation), and then the source's own vertices are removed one at a time, each replaced by triangles of its neighbours, so that the
+ * result has the topology of the source by construction. Levels are placed coarse to fine and built fine to coarse (6.1). Where we differ,
+ * and why:
+ * - Points come from weighted sample elimination (Yuksel. Sample Elimination for Generating Poisson Disk Sample Sets. 2015) and a few
+ *   steps of repulsion that walk over the triangles; Turk's own start (random, then repulsion alone) is LOD_RETILE_TURK.
+ * - Features (boundaries, creases, borders of materials and parts, UV seams) are lines: sampled first, in one dimension, merged only along
+ *   themselves, never crossed by an edge. Turk states that his method is poor at sharp edges; this is why.
+ * - Neighbours of a removed vertex are laid out by its polar map (Lee, Sweldens, Schroeder, Cowsar, Dobkin. MAPS. 1998), which never folds,
+ *   instead of being projected onto 14 planes in turn, and triangulated at least cost by dynamic programming with Turk's second check inside,
+ *   so that another triangulation is found where his method keeps the vertex.
+ * - Curvature is the tensor of curvature.h; Turk's radius is LOD_RETILE_CURVATURE_TURK.
+ * - Points and maps are integer barycentrics of 2^20: which triangle a point lies in is exact.
+ *
+ * Bad input: an edge of three triangles, or of two that run the same way, is cut; its vertices stay and are welded back. Triangles that name
+ * a vertex twice disappear. Fewer vertices than the topology allows: the least that removal reaches is given. */
+#ifndef LOD_CORE_RETILE_RETILE_H
+#define LOD_CORE_RETILE_RETILE_H
+
+#include "core/base/parallel.h"
+#include "core/level/hierarchy.h"
+
+enum { LOD_RETILE_ONE = 1 << 20, LOD_RETILE_MAX_LEVELS = 32 };
+
+enum lod_retile_placement {
+  LOD_RETILE_ELIMINATION, /* blue noise by elimination, then a few steps of repulsion */
+  LOD_RETILE_TURK,        /* area-weighted random, then repulsion alone (Turk 1992, 3.2) */
+};
+
+enum lod_retile_curvature {
+  LOD_RETILE_CURVATURE_NONE,   /* the same spacing everywhere */
+  LOD_RETILE_CURVATURE_TENSOR, /* spacing by the largest principal curvature */
+  LOD_RETILE_CURVATURE_TURK,   /* the same with Turk's estimate (5.1) */
+};
+
+struct lod_retile_settings {
+  const uint32_t *vertices; /* vertices of each level, any order; NULL = the ladder that follows from the next three */
+  uint32_t level_count;     /* of `vertices`, at most LOD_RETILE_MAX_LEVELS */
+  double ratio;             /* of the vertices of neighbouring levels, > 1; 4 */
+  uint32_t least;           /* about the vertices of the coarsest level; 200 */
+  double finest_error;      /* the ladder ends near the vertices that this error (share of the diagonal) needs, or the source has; 2e-4 */
+
+  enum lod_retile_placement placement;
+  uint32_t steps; /* of repulsion for each level: 8 after elimination; Turk takes 40 */
+  double damping; /* share of the repelling force that a point moves by in a step; 0.15 */
+  double radius;  /* of repulsion, in units of sqrt(area / points); 2 */
+  uint64_t seed;  /* of everything random; 1 */
+
+  enum lod_retile_curvature curvature;
+  double adapt; /* spacing differs from the mean by at most this factor, >= 1; 2 */
+
+  double crease_degrees; /* an edge that bends more is a crease; LOD_TOLERANCE_CREASE_DEGREES */
+  double corner_degrees; /* a line that turns more has a corner there, which stays; 45 */
+  uint32_t flips;        /* passes over all edges of a level for better triangles; 4 */
+  uint32_t threads;      /* as lod_parallel_for; results do not depend on it */
+};
+struct lod_retile_settings lod_retile_defaults(void);
+
+/* A point of a triangle: weights of its corners, which add up to LOD_RETILE_ONE. */
+struct lod_retile_point {
+  uint32_t face;
+  uint32_t weights[3];
+};
+
+struct lod_retile_level {
+  struct lod_mesh mesh;            /* with attributes sampled from the source, materials and parts */
+  uint32_t candidates;             /* vertices placed by us, corners of features among them */
+  uint32_t retained;               /* vertices of the source that could not be removed */
+  struct lod_retile_point *points; /* vertex_count: where each lies on the source (face = source triangle) */
+  uint32_t *parents;               /* vertex_count: the same vertex in the next finer level; of the finest: NULL */
+  /* Of each vertex of the next finer level: where it lies on this one (face = triangle of mesh) when it is flattened; finest: NULL. */
+  struct lod_retile_point *flat;
+};
+
+struct lod_retile {
+  uint32_t level_count;
+  struct lod_retile_level *levels; /* coarsest first */
+};
+
+/* Re-tiles `mesh` (welded; no segments or points of its own are kept). Results live in `arena`. LOD_BAD_INPUT for wrong settings,
+ * LOD_CANCELLED, LOD_MEMORY. A mesh without triangles gives levels without triangles. */
+LOD_WARN_UNUSED enum lod_status lod_retile_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings,
+                                                  const struct lod_progress *progress, struct lod_arena *arena, struct lod_retile *retile,
+                                                  struct lod_problem *problem);
+
+/* Points on `mesh`, in place of spread ones, as the mutual tessellation sees them: every triangle replaced by triangles that tile it exactly,
+ * with its points as vertices (Turk 1992, 4.2). Points lie strictly inside triangles or, with one weight 0, on an edge, which both triangles
+ * see; equal points are made one. Vertices: those of the mesh, then those of the points. For pictures and tests. */
+LOD_WARN_UNUSED enum lod_status lod_retile_tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points, uint32_t point_count,
+                                                      struct lod_arena *arena, struct lod_mesh *tessellation);
+
+/* settings of its build: struct lod_retile_settings. Levels have parents, no bound. */
+extern const struct lod_family lod_retile_family;
+
+#endif
