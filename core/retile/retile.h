@@ -43,9 +43,10 @@ struct lod_retile_settings {
   double finest_error;      /* the ladder ends near the vertices that this error (share of the diagonal) needs, or the source has; 2e-4 */
 
   enum lod_retile_placement placement;
-  uint32_t steps; /* of repulsion for each level: 8 after elimination; Turk takes 40 */
-  double damping; /* share of the repelling force that a point moves by in a step; 0.15 */
-  double radius;  /* of repulsion, in units of sqrt(area / points); 2 */
+  uint32_t steps; /* of repulsion for each level; 25. Turk: 40 */
+  double damping; /* share of the radius that a force of 1 moves a point by in a step; 0.25. Turk: 0.15 */
+  /* Of repulsion, in units of sqrt(area / points); 1.2: just the nearest neighbours, which spreads points evenly. Turk's 2 makes clumps. */
+  double radius;
   uint64_t seed;  /* of everything random; 1 */
 
   enum lod_retile_curvature curvature;

@@ -1,6 +1,6 @@
 /* Re-tiling: per model and number of vertices the certified error, triangle quality and time, ours beside Turk's literal placement.
- * Arguments: [-n N[,N...]] [-p FOLDER] PLY files; default: models/scans, cad, iso of the shared data and 250, 800, 2500 vertices. -p writes
- * pictures of every level. */
+ * Arguments: [-n N[,N...]] [-p FOLDER] [-s STEPS] [-d DAMPING] [-r RADIUS] [-o 1] PLY files; default: models/scans, cad, iso of the shared data and 250, 800, 2500 vertices. -p writes
+ * pictures of every level; -o leaves the comparisons out. */
 #include <dirent.h>
 #include <math.h>
 #include <stdio.h>
@@ -69,6 +69,8 @@ static struct quality measure_quality(const struct lod_mesh *mesh, struct lod_ar
 }
 
 static const char *picture_folder;
+static double steps_asked = -1, damping_asked = -1, radius_asked = -1; /* by -s, -d, -r; -1: the default */
+static bool ours_only;                                                 /* -o 1 */
 
 static void draw(const char *name, const char *mode, const struct lod_mesh *mesh) {
   struct lod_arena *arena = lod_arena_create(0);
@@ -118,7 +120,7 @@ static void bench(const char *name, const struct lod_mesh *mesh, const char *mod
   lod_arena_destroy(arena);
 }
 
-static void bench_file(const char *path, const uint32_t *counts, uint32_t count, bool literal) {
+static void bench_file(const char *path, const uint32_t *counts, uint32_t count) {
   struct lod_arena *arena = lod_arena_create(0);
   struct lod_mesh raw, mesh;
   const char *slash = strrchr(path, '/');
@@ -130,13 +132,23 @@ static void bench_file(const char *path, const uint32_t *counts, uint32_t count,
     settings.vertices = counts;
     settings.level_count = count;
     settings.threads = 1;
+    settings.steps = steps_asked >= 0 ? (uint32_t)steps_asked : settings.steps;
+    settings.damping = damping_asked >= 0 ? damping_asked : settings.damping;
+    settings.radius = radius_asked >= 0 ? radius_asked : settings.radius;
     bench(slash != NULL ? slash + 1 : path, &mesh, "ours", &settings);
     settings.curvature = LOD_RETILE_CURVATURE_NONE;
-    bench(slash != NULL ? slash + 1 : path, &mesh, "uniform", &settings);
+    if (!ours_only)
+      bench(slash != NULL ? slash + 1 : path, &mesh, "uniform", &settings);
+    settings = lod_retile_defaults();
+    settings.vertices = counts;
+    settings.level_count = count;
+    settings.threads = 1;
     settings.placement = LOD_RETILE_TURK;
     settings.curvature = LOD_RETILE_CURVATURE_TURK;
     settings.steps = 40;
-    if (literal)
+    settings.damping = 0.15;
+    settings.radius = 2;
+    if (!ours_only)
       bench(slash != NULL ? slash + 1 : path, &mesh, "turk", &settings);
   }
   lod_arena_destroy(arena);
@@ -166,6 +178,14 @@ int main(int argc, char **argv) {
   for (; first + 1 < argc && argv[first][0] == '-'; first += 2) {
     if (strcmp(argv[first], "-p") == 0)
       picture_folder = argv[first + 1];
+    static const struct {
+      const char *name;
+      double *value;
+    } kNumbers[] = {{"-s", &steps_asked}, {"-d", &damping_asked}, {"-r", &radius_asked}};
+    for (size_t i = 0; i < sizeof kNumbers / sizeof *kNumbers; i++)
+      if (strcmp(argv[first], kNumbers[i].name) == 0)
+        *kNumbers[i].value = strtod(argv[first + 1], NULL);
+    ours_only = ours_only || strcmp(argv[first], "-o") == 0;
     count = strcmp(argv[first], "-n") == 0 ? 0 : count;
     for (char *word = strcmp(argv[first], "-n") == 0 ? strtok(argv[first + 1], ",") : NULL; word != NULL; word = strtok(NULL, ","))
       counts[count++] = (uint32_t)strtoul(word, NULL, 10);
@@ -182,6 +202,6 @@ int main(int argc, char **argv) {
   }
   printf("%-22s %-7s %7s %6s %5s | %7s %7s | %5s %5s %5s %5s | topo | %6s %6s\n", "model", "mode", "vert", "tri", "kept", "error %", "rms %", "2r/R", "1 %", "angle", "val 6", "s", "MiB");
   for (int i = 0; i < files; i++)
-    bench_file(paths[i], counts, count, true);
+    bench_file(paths[i], counts, count);
   return 0;
 }

@@ -1,0 +1,345 @@
+#include "core/retile/retile.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/mesh/distance.h"
+#include "core/mesh/topology.h"
+#include "tests/data/shapes.h"
+
+static struct lod_arena *arena;
+
+static int open_arena(void **state) {
+  (void)state;
+  arena = lod_arena_create(0);
+  return arena == NULL;
+}
+
+static int close_arena(void **state) {
+  (void)state;
+  lod_arena_destroy(arena);
+  return 0;
+}
+
+static struct lod_retile retile(const struct lod_mesh *mesh, const uint32_t *counts, uint32_t count) {
+  struct lod_retile result;
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.vertices = counts;
+  settings.level_count = count;
+  assert_int_equal(lod_retile_create(mesh, &settings, NULL, arena, &result, NULL), LOD_OK);
+  return result;
+}
+
+static struct lod_topology topology_of(const struct lod_mesh *mesh) {
+  struct lod_topology topology;
+  assert_int_equal(lod_topology_measure(mesh, NULL, arena, &topology), LOD_OK);
+  return topology;
+}
+
+static void assert_same_topology(const struct lod_mesh *a, const struct lod_mesh *b) {
+  struct lod_topology x = topology_of(a), y = topology_of(b);
+  assert_int_equal(x.euler, y.euler);
+  assert_int_equal(x.components, y.components);
+  assert_int_equal(x.boundary_loops, y.boundary_loops);
+  assert_int_equal(x.non_manifold_edges, y.non_manifold_edges);
+  assert_int_equal(x.misoriented_edges, y.misoriented_edges);
+  assert_int_equal(y.degenerate_triangles, 0);
+  assert_int_equal(y.duplicate_triangles, 0);
+}
+
+static double distance_of(const struct lod_mesh *a, const struct lod_mesh *b) {
+  struct lod_distance distance;
+  struct lod_distance_settings settings = lod_distance_defaults();
+  settings.absolute = 1e-6;
+  assert_int_equal(lod_distance_measure(a, b, &settings, arena, &distance), LOD_OK);
+  return distance.two_sided.upper;
+}
+
+/* Every level: a mesh, with the source's topology, the finer level's vertices, and a map that puts each finer vertex onto a triangle. */
+static void assert_nested(const struct lod_mesh *source, const struct lod_retile *result) {
+  for (uint32_t k = 0; k < result->level_count; k++) {
+    const struct lod_retile_level *level = &result->levels[k];
+    assert_true(lod_mesh_check(&level->mesh, NULL));
+    assert_same_topology(source, &level->mesh);
+    assert_int_equal(level->candidates + level->retained, level->mesh.vertex_count);
+    if (k + 1 == result->level_count) {
+      assert_null(level->parents);
+      continue;
+    }
+    const struct lod_retile_level *finer = &result->levels[k + 1];
+    uint32_t corners = 0;
+    for (uint32_t v = 0; v < level->mesh.vertex_count; v++) {
+      assert_true(level->parents[v] < finer->mesh.vertex_count);
+      assert_memory_equal(level->mesh.positions[v], finer->mesh.positions[level->parents[v]], sizeof level->mesh.positions[v]);
+      const struct lod_retile_point *at = &level->flat[level->parents[v]];
+      for (int c = 0; c < 3; c++)
+        corners += at->weights[c] == LOD_RETILE_ONE && level->mesh.triangles[at->face][c] == v;
+    }
+    assert_int_equal(corners, level->mesh.vertex_count);
+    for (uint32_t v = 0; v < finer->mesh.vertex_count; v++) {
+      const struct lod_retile_point *at = &level->flat[v];
+      assert_true(at->face < level->mesh.triangle_count);
+      assert_int_equal((uint64_t)at->weights[0] + at->weights[1] + at->weights[2], LOD_RETILE_ONE);
+    }
+  }
+}
+
+static struct lod_mesh square(void) {
+  static float positions[4][3] = {{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}};
+  static uint32_t triangles[2][3] = {{0, 1, 2}, {0, 2, 3}};
+  return (struct lod_mesh){.vertex_count = 4, .triangle_count = 2, .positions = positions, .triangles = triangles};
+}
+
+static void square_with_n_points_becomes_2n_plus_2_triangles(void **state) {
+  (void)state;
+  struct lod_mesh mesh = square(), tiled;
+  struct lod_retile_point points[100];
+  uint64_t seed = 7;
+  for (uint32_t n = 0; n <= 100; n += 10) {
+    for (uint32_t i = 0; i < n; i++) {
+      uint32_t a = 1 + (uint32_t)(lod_random_unit(&seed) * 500000), b = 1 + (uint32_t)(lod_random_unit(&seed) * 500000);
+      points[i] = (struct lod_retile_point){i % 2, {a, b, LOD_RETILE_ONE - a - b}};
+    }
+    assert_int_equal(lod_retile_tessellate(&mesh, points, n, arena, &tiled), LOD_OK);
+    assert_int_equal(tiled.triangle_count, 2 * n + 2);
+    assert_int_equal(tiled.vertex_count, n + 4);
+    assert_same_topology(&mesh, &tiled);
+    double area = 0;
+    for (uint32_t t = 0; t < tiled.triangle_count; t++) {
+      const float *p = tiled.positions[tiled.triangles[t][0]], *q = tiled.positions[tiled.triangles[t][1]], *r = tiled.positions[tiled.triangles[t][2]];
+      double twice = ((double)q[0] - p[0]) * ((double)r[1] - p[1]) - ((double)q[1] - p[1]) * ((double)r[0] - p[0]);
+      assert_true(twice > -1e-6);
+      area += twice / 2;
+    }
+    assert_true(fabs(area - 4) < 1e-5);
+  }
+}
+
+static void points_on_an_edge_are_seen_from_both_sides(void **state) {
+  (void)state;
+  struct lod_mesh mesh = square(), tiled;
+  const uint32_t third = LOD_RETILE_ONE / 3, rest = LOD_RETILE_ONE - third;
+  /* Three on the diagonal, one of them told from either side; one on the border; one on a corner. */
+  const struct lod_retile_point points[] = {{0, {third, 0, rest}},  {1, {third, rest, 0}}, {1, {rest, third, 0}},
+                                            {0, {1000, 0, LOD_RETILE_ONE - 1000}}, {0, {third, rest, 0}}, {0, {LOD_RETILE_ONE, 0, 0}}};
+  assert_int_equal(lod_retile_tessellate(&mesh, points, 6, arena, &tiled), LOD_OK);
+  assert_int_equal(tiled.vertex_count, 8);
+  assert_int_equal(tiled.triangle_count, 2 + 3 * 2 + 1);
+  assert_same_topology(&mesh, &tiled);
+}
+
+static void many_points_on_one_triangle_stay_a_tiling(void **state) {
+  (void)state;
+  enum { N = 20000 };
+  struct lod_mesh mesh = square(), tiled;
+  struct lod_retile_point *points = LOD_NEW(arena, N, struct lod_retile_point);
+  for (uint32_t i = 0; i < N; i++) /* on a lattice: many on lines and circles */
+    points[i] = (struct lod_retile_point){0, {1024 * (1 + i % 141), 1024 * (1 + i / 141), LOD_RETILE_ONE - 1024 * (2 + i % 141 + i / 141)}};
+  assert_int_equal(lod_retile_tessellate(&mesh, points, N, arena, &tiled), LOD_OK);
+  assert_int_equal(tiled.triangle_count, 2 * N + 2);
+  assert_same_topology(&mesh, &tiled);
+}
+
+static void sphere_levels_are_nested_and_near(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_sphere(arena, 1, 5);
+  const uint32_t counts[] = {800, 50, 200};
+  struct lod_retile result = retile(&mesh, counts, 3);
+  assert_nested(&mesh, &result);
+  for (uint32_t k = 0; k < 3; k++) {
+    uint32_t n = k == 0 ? 50 : k == 1 ? 200 : 800;
+    assert_int_equal(result.levels[k].candidates, n);
+    assert_int_equal(result.levels[k].retained, 0);
+    assert_true(distance_of(&result.levels[k].mesh, &mesh) < 12.0 / n); /* a lattice would have 2.4 / n */
+  }
+}
+
+static void torus_keeps_its_hole(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_torus(arena, 3, 1, 60, 30);
+  const uint32_t counts[] = {4, 60, 400, 3000};
+  struct lod_retile result = retile(&mesh, counts, 4);
+  assert_nested(&mesh, &result);
+  assert_true(result.levels[0].mesh.vertex_count >= 7); /* no torus has fewer */
+  assert_true(result.levels[0].mesh.vertex_count < 30);
+}
+
+static void cube_stays_a_cube(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_cube(arena, 2);
+  const uint32_t counts[] = {8, 60, 500};
+  struct lod_retile result = retile(&mesh, counts, 3);
+  assert_nested(&mesh, &result);
+  for (uint32_t k = 0; k < 3; k++) {
+    assert_int_equal(result.levels[k].mesh.vertex_count, counts[k]);
+    assert_true(distance_of(&result.levels[k].mesh, &mesh) < 1e-5);
+  }
+}
+
+static void border_of_an_open_sheet_stays_its_border(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_grid(arena, 2, 40, 0.3);
+  const uint32_t counts[] = {40, 160, 640};
+  struct lod_retile result = retile(&mesh, counts, 3);
+  assert_nested(&mesh, &result);
+  for (uint32_t k = 0; k < 3; k++) {
+    const struct lod_mesh *level = &result.levels[k].mesh;
+    struct lod_bounds bounds = lod_mesh_bounds(level);
+    assert_true(bounds.max[0] - bounds.min[0] == 2 && bounds.max[1] - bounds.min[1] == 2); /* the four corners */
+    /* UVs are linear in x and y: sampled, not averaged. */
+    for (uint32_t w = 0; w < level->wedge_count; w++) {
+      const float *p = level->positions[level->wedge_vertex[w]];
+      assert_true(fabs((double)level->uvs[0][w][0] - ((double)p[0] - bounds.min[0]) / 2) < 1e-5);
+    }
+  }
+}
+
+/* Turk 1992, Fig. 2a: parts that are near in space and far on the surface. */
+static void sheets_back_to_back_stay_apart(void **state) {
+  (void)state;
+  struct lod_mesh sheet = lod_shape_grid(arena, 2, 30, 0.2);
+  struct lod_mesh mesh = lod_shape_join(arena, &sheet, &sheet, (const double[3]){0, 0, 0.01});
+  const uint32_t counts[] = {60, 300};
+  struct lod_retile result = retile(&mesh, counts, 2);
+  assert_nested(&mesh, &result);
+  assert_int_equal(topology_of(&result.levels[0].mesh).components, 2);
+}
+
+/* Turk 1992, Fig. 6: two balls that hang together by a neck of three triangles around. */
+static void neck_of_three_triangles_stays_open(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_tube(arena, 1, 40, 3, 12);
+  for (uint32_t v = 0; v < mesh.vertex_count; v++) {
+    double z = (double)mesh.positions[v][2], r = 0.05 + z * z / 400 * 8;
+    mesh.positions[v][0] *= (float)r;
+    mesh.positions[v][1] *= (float)r;
+  }
+  const uint32_t counts[] = {4, 12, 100};
+  struct lod_retile result = retile(&mesh, counts, 3);
+  assert_nested(&mesh, &result);
+}
+
+static struct lod_mesh two_materials(void) {
+  struct lod_mesh mesh = lod_shape_grid(arena, 2, 30, 0.2);
+  mesh.materials = LOD_NEW(arena, mesh.triangle_count, uint32_t);
+  for (uint32_t t = 0; t < mesh.triangle_count; t++) {
+    double x = 0;
+    for (int k = 0; k < 3; k++)
+      x += (double)mesh.positions[mesh.triangles[t][k]][0];
+    mesh.materials[t] = x > 0;
+  }
+  return mesh;
+}
+
+static void no_triangle_crosses_a_material_border(void **state) {
+  (void)state;
+  struct lod_mesh mesh = two_materials();
+  const uint32_t counts[] = {30, 200};
+  struct lod_retile result = retile(&mesh, counts, 2);
+  assert_nested(&mesh, &result);
+  for (uint32_t k = 0; k < 2; k++) {
+    const struct lod_mesh *level = &result.levels[k].mesh;
+    for (uint32_t t = 0; t < level->triangle_count; t++)
+      for (int c = 0; c < 3; c++) {
+        double x = (double)level->positions[level->triangles[t][c]][0];
+        assert_true(level->materials[t] == 0 ? x < 1e-5 : x > -1e-5);
+      }
+  }
+}
+
+static void result_does_not_depend_on_threads(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_torus(arena, 3, 1, 80, 40);
+  struct lod_retile results[2];
+  for (uint32_t i = 0; i < 2; i++) {
+    struct lod_retile_settings settings = lod_retile_defaults();
+    settings.threads = i == 0 ? 1 : 3;
+    assert_int_equal(lod_retile_create(&mesh, &settings, NULL, arena, &results[i], NULL), LOD_OK);
+  }
+  assert_int_equal(results[0].level_count, results[1].level_count);
+  assert_true(results[0].level_count >= 2);
+  for (uint32_t k = 0; k < results[0].level_count; k++) {
+    const struct lod_mesh *a = &results[0].levels[k].mesh, *b = &results[1].levels[k].mesh;
+    assert_int_equal(a->vertex_count, b->vertex_count);
+    assert_int_equal(a->triangle_count, b->triangle_count);
+    assert_memory_equal(a->positions, b->positions, a->vertex_count * sizeof *a->positions);
+    assert_memory_equal(a->triangles, b->triangles, a->triangle_count * sizeof *a->triangles);
+  }
+}
+
+static void turks_own_placement_keeps_topology_too(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_torus(arena, 3, 1, 60, 30);
+  const uint32_t counts[] = {200, 800};
+  struct lod_retile result;
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.vertices = counts;
+  settings.level_count = 2;
+  settings.placement = LOD_RETILE_TURK;
+  settings.curvature = LOD_RETILE_CURVATURE_TURK;
+  settings.steps = 40;
+  settings.damping = 0.15;
+  settings.radius = 2;
+  assert_int_equal(lod_retile_create(&mesh, &settings, NULL, arena, &result, NULL), LOD_OK);
+  assert_nested(&mesh, &result);
+  assert_int_equal(result.levels[1].candidates, 800);
+}
+
+static void tiny_and_broken_meshes_come_through(void **state) {
+  (void)state;
+  static float positions[5][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {2, 0, 0}, {0, 0, 1}};
+  static uint32_t one[1][3] = {{0, 1, 2}}, flat[1][3] = {{0, 1, 3}}, twice[1][3] = {{0, 0, 1}}, fin[3][3] = {{0, 1, 2}, {1, 0, 3}, {0, 1, 4}};
+  static const struct {
+    uint32_t (*triangles)[3], count;
+  } kCases[] = {{one, 0}, {one, 1}, {flat, 1}, {twice, 1}, {fin, 3}};
+  const uint32_t counts[] = {3, 50};
+  for (size_t i = 0; i < sizeof kCases / sizeof *kCases; i++) {
+    struct lod_mesh mesh = {.vertex_count = 5, .triangle_count = kCases[i].count, .positions = positions, .triangles = kCases[i].triangles};
+    struct lod_retile result = retile(&mesh, counts, 2);
+    assert_int_equal(result.level_count, 2);
+    for (uint32_t k = 0; k < 2; k++)
+      assert_true(lod_mesh_check(&result.levels[k].mesh, NULL));
+    if (kCases[i].triangles == one && kCases[i].count == 1) {
+      assert_int_equal(result.levels[0].mesh.triangle_count, 1);
+      assert_int_equal(result.levels[1].mesh.vertex_count, 50);
+    }
+    if (kCases[i].triangles == fin) /* three triangles at one edge, still */
+      assert_int_equal(topology_of(&result.levels[1].mesh).non_manifold_edges, 1);
+  }
+}
+
+static void wrong_settings_are_refused(void **state) {
+  (void)state;
+  struct lod_mesh mesh = square();
+  struct lod_retile result;
+  struct lod_problem problem = {0};
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.ratio = 0.5;
+  assert_int_equal(lod_retile_create(&mesh, &settings, NULL, arena, &result, &problem), LOD_BAD_INPUT);
+  assert_string_equal(problem.type, "bad-ladder");
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test_setup_teardown(square_with_n_points_becomes_2n_plus_2_triangles, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(points_on_an_edge_are_seen_from_both_sides, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(many_points_on_one_triangle_stay_a_tiling, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(sphere_levels_are_nested_and_near, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(torus_keeps_its_hole, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(cube_stays_a_cube, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(border_of_an_open_sheet_stays_its_border, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(sheets_back_to_back_stay_apart, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(neck_of_three_triangles_stays_open, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(no_triangle_crosses_a_material_border, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(result_does_not_depend_on_threads, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(turks_own_placement_keeps_topology_too, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(tiny_and_broken_meshes_come_through, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(wrong_settings_are_refused, open_arena, close_arena),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
