@@ -21,6 +21,7 @@ static const struct cli_option kOptions[] = {
     {"family", 'f', "NAME", "A family of levels to bake; may be given several times. Default: cluster."},
     {"epsilon", 'e', "X|X%",
      "An error to meet in as few bytes as can be, in model units or in percent of the diagonal; may be repeated. Default: a ladder."},
+    {"vertices", 0, "N,N,...", "Vertices of each level of families that can be asked for a number: retile. Default: a ladder."},
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
@@ -43,7 +44,8 @@ const struct cli_command cli_bake = {
             "are looked for beside it and never elsewhere. DIR gets manifest.json and objects/<sha256>; the manifest is\n"
             "written last, so a directory with a manifest is whole.\n\n"
             "  lodestream bake bunny.ply -o bunny\n"
-            "  lodestream bake engine.glb -o engine --family cluster --epsilon 0.5% --epsilon 2%",
+            "  lodestream bake engine.glb -o engine --family cluster --epsilon 0.5% --epsilon 2%\n"
+            "  lodestream bake bunny.ply -o bunny --family retile --vertices 200,800,3200",
     .options = kOptions,
     .run = run,
 };
@@ -78,6 +80,24 @@ static int add_family(struct lod_bake_request *request, const char *name) {
     snprintf(names + length, sizeof names - length, "%s%s", i == 0 ? "" : ", ", family->name);
   }
   return cli_usage(&cli_bake, "--family %s: this version bakes %s", name, names);
+}
+
+/* "200,800,3200" */
+static bool parse_vertices(const char *text, struct lod_bake_request *request) {
+  char list[1024];
+  if (strlen(text) >= sizeof list)
+    return false;
+  strcpy(list, text);
+  for (char *word = list, *next; word != NULL; word = next) {
+    next = strchr(word, ',');
+    if (next != NULL)
+      *next++ = '\0';
+    uint64_t number;
+    if (request->vertices_count == LOD_BAKE_MAX_LIST || !cli_parse_count(word, UINT32_MAX - 1, &number) || number == 0)
+      return false;
+    request->vertices[request->vertices_count++] = (uint32_t)number;
+  }
+  return true;
 }
 
 /* One option into the request; CLI_DONE or the exit status. */
@@ -121,6 +141,10 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
     if (!parse_epsilon(value, &request->epsilons[i], &request->epsilon_relative[i]))
       return cli_usage(&cli_bake,
                        "--epsilon %s: expected a number of model units or a percentage of the diagonal, 0 or more, such as 0.25%%", value);
+  } else if (strcmp(option->name, "vertices") == 0) {
+    if (!parse_vertices(value, request))
+      return cli_usage(&cli_bake, "--vertices %s: expected at most %d whole numbers above 0, such as 200,800,3200", value,
+                       LOD_BAKE_MAX_LIST);
   } else if (strcmp(option->name, "format") == 0) {
     request->format = value;
   } else if (strcmp(option->name, "id") == 0) {

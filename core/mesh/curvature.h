@@ -16,13 +16,13 @@ enum lod_curvature_method {
 
 /* All by mesh vertex; a vertex without triangles has 0. */
 struct lod_curvature {
-  double *largest;             /* largest absolute principal curvature, 1 / model unit */
-  double (*principal)[2];      /* the larger in absolute value first; positive where the surface bends away from its normal, as a sphere does */
+  double *largest;        /* largest absolute principal curvature, 1 / model unit */
+  double (*principal)[2]; /* the larger in absolute value first; positive where the surface bends away from its normal, as a sphere does */
   struct lod_vec3 *directions; /* unit, of the first */
 };
 
 /* Results go to `arena`. Fails with LOD_MEMORY alone. */
-LOD_WARN_UNUSED enum lod_status lod_curvature_estimate(const struct lod_mesh *mesh, enum lod_curvature_method method, struct lod_arena *arena,
-                                                       struct lod_curvature *curvature);
+LOD_WARN_UNUSED enum lod_status lod_curvature_estimate(const struct lod_mesh *mesh, enum lod_curvature_method method,
+                                                       struct lod_arena *arena, struct lod_curvature *curvature);
 
 #endif

@@ -17,7 +17,8 @@ static void cell_of(const struct cloud_grid *grid, struct lod_vec3 p, int64_t ce
     cell[i] = (int64_t)floor((q[i] - grid->origin[i]) / grid->cell);
 }
 
-enum lod_status cloud_grid_create(const struct cloud_point *points, uint32_t count, double cell, struct lod_arena *arena, struct cloud_grid *grid) {
+enum lod_status cloud_grid_create(const struct cloud_point *points, uint32_t count, double cell, struct lod_arena *arena,
+                                  struct cloud_grid *grid) {
   *grid = (struct cloud_grid){.cell = cell};
   uint32_t size = 64;
   while (size < count && size < (1u << 28))

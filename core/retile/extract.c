@@ -4,9 +4,13 @@
 
 #include "core/retile/internal.h"
 
-static uint32_t start_of(const struct tiling *t, uint32_t h) { return t->faces[h / 3][h % 3]; }
+static uint32_t start_of(const struct tiling *t, uint32_t h) {
+  return t->faces[h / 3][h % 3];
+}
 
-static bool any_weight(const struct lod_retile_point *p) { return (p->weights[0] | p->weights[1] | p->weights[2]) != 0; }
+static bool any_weight(const struct lod_retile_point *p) {
+  return (p->weights[0] | p->weights[1] | p->weights[2]) != 0;
+}
 
 static void blend(const float *const values[3], const uint32_t weights[3], int count, float *out) {
   for (int i = 0; i < count; i++) {
@@ -26,7 +30,8 @@ static void sample(const struct lod_mesh *source, const struct lod_retile_point 
   }
   for (int set = 0; set < LOD_UV_SETS; set++)
     if (to->uvs[set] != NULL)
-      blend((const float *[3]){source->uvs[set][w[0]], source->uvs[set][w[1]], source->uvs[set][w[2]]}, at->weights, 2, to->uvs[set][wedge]);
+      blend((const float *[3]){source->uvs[set][w[0]], source->uvs[set][w[1]], source->uvs[set][w[2]]}, at->weights, 2,
+            to->uvs[set][wedge]);
   if (to->colors != NULL)
     blend((const float *[3]){source->colors[w[0]], source->colors[w[1]], source->colors[w[2]]}, at->weights, 4, to->colors[wedge]);
 }
@@ -69,7 +74,8 @@ static uint32_t count_marks(const struct tiling *t) {
   return count;
 }
 
-static enum lod_status add_attributes(const struct tiling *t, const uint32_t *vertex_to, const uint32_t *face_to, struct lod_arena *arena, struct lod_mesh *mesh) {
+static enum lod_status add_attributes(const struct tiling *t, const uint32_t *vertex_to, const uint32_t *face_to, struct lod_arena *arena,
+                                      struct lod_mesh *mesh) {
   const struct lod_mesh *source = t->sheet->mesh;
   size_t most = (size_t)t->vertex_count + count_marks(t);
   RETILE_TRY_NEW(mesh->corners, arena, mesh->triangle_count);
@@ -87,8 +93,8 @@ static enum lod_status add_attributes(const struct tiling *t, const uint32_t *ve
   return LOD_OK;
 }
 
-enum lod_status extract_level(const struct tiling *t, uint32_t number, struct lod_arena *arena, struct lod_retile_level *level, uint32_t *vertex_to,
-                              uint32_t *face_to) {
+enum lod_status extract_level(const struct tiling *t, uint32_t number, struct lod_arena *arena, struct lod_retile_level *level,
+                              uint32_t *vertex_to, uint32_t *face_to) {
   const struct lod_mesh *source = t->sheet->mesh;
   struct lod_mesh *mesh = &level->mesh;
   *level = (struct lod_retile_level){0};

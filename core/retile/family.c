@@ -22,26 +22,38 @@ static int compare_counts(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-/* The whole model's counts, coarsest first. */
-static uint32_t model_counts(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s, uint32_t counts[LOD_RETILE_MAX_LEVELS]) {
+/* The whole model's counts, coarsest first. The ladder ends a step below the source, which is a level by itself wherever levels are served.
+ */
+static enum lod_status model_counts(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s,
+                                    struct lod_arena *scratch, uint32_t counts[LOD_RETILE_MAX_LEVELS], uint32_t *level_count) {
   if (s->vertices != NULL) {
     memcpy(counts, s->vertices, s->level_count * sizeof *counts);
     qsort(counts, s->level_count, sizeof *counts, compare_counts);
-    return s->level_count;
+    *level_count = s->level_count;
+    return LOD_OK;
   }
-  double vertices = 0;
-  for (uint32_t u = 0; u < unit_count; u++)
+  double finest = 0, vertices = 0, diagonal = 0;
+  for (uint32_t u = 0; u < unit_count; u++) {
+    struct lod_bounds bounds = lod_mesh_bounds(&units[u].mesh);
+    diagonal = fmax(diagonal, lod_bounds_diagonal(&bounds) * units[u].scale);
     vertices += units[u].mesh.vertex_count;
-  double steps = fmax(0, floor(log(fmax(1, vertices) / s->least) / log(s->ratio) + 0.5));
-  uint32_t level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
-  for (uint32_t k = 0; k < level_count; k++)
-    counts[k] = (uint32_t)lrint(fmin(4e9, vertices / pow(s->ratio, level_count - 1 - k)));
-  return level_count;
+  }
+  for (uint32_t u = 0; u < unit_count && diagonal > 0; u++) {
+    double needed;
+    LOD_TRY(retile_vertices_for(&units[u].mesh, s->finest_error * diagonal / units[u].scale, scratch, &needed));
+    finest += needed;
+  }
+  finest = fmax(fmin(finest, vertices / s->ratio), fmin(s->least, vertices));
+  double steps = fmax(0, floor(log(finest / fmax(4, s->least)) / log(s->ratio) + 0.5));
+  *level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
+  for (uint32_t k = 0; k < *level_count; k++)
+    counts[k] = (uint32_t)lrint(fmin(4e9, finest / pow(s->ratio, *level_count - 1 - k)));
+  return LOD_OK;
 }
 
-static enum lod_status build_unit(const struct lod_unit *unit, double share, const struct lod_retile_settings *settings, const uint32_t *counts,
-                                  uint32_t level_count, const struct lod_progress *progress, struct lod_arena *arena, struct lod_retile *retile,
-                                  struct lod_problem *problem) {
+static enum lod_status build_unit(const struct lod_unit *unit, double share, const struct lod_retile_settings *settings,
+                                  const uint32_t *counts, uint32_t level_count, const struct lod_progress *progress,
+                                  struct lod_arena *arena, struct lod_retile *retile, struct lod_problem *problem) {
   uint32_t own[LOD_RETILE_MAX_LEVELS];
   struct lod_retile_settings s = *settings;
   for (uint32_t k = 0; k < level_count; k++) {
@@ -54,8 +66,8 @@ static enum lod_status build_unit(const struct lod_unit *unit, double share, con
   return lod_retile_create(&unit->mesh, &s, progress, arena, retile, problem);
 }
 
-static enum lod_status emit(const struct lod_retile *retiles, uint32_t unit_count, uint32_t level_count, struct lod_arena *arena, lod_level_sink *sink,
-                            void *sink_context) {
+static enum lod_status emit(const struct lod_retile *retiles, uint32_t unit_count, uint32_t level_count, struct lod_arena *arena,
+                            lod_level_sink *sink, void *sink_context) {
   struct lod_mesh *meshes;
   uint32_t **parents;
   RETILE_TRY_NEW(meshes, arena, unit_count);
@@ -71,21 +83,24 @@ static enum lod_status emit(const struct lod_retile *retiles, uint32_t unit_coun
   return LOD_OK;
 }
 
-static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *family_settings, const struct lod_progress *progress,
-                             struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem) {
-  struct lod_retile_settings settings = family_settings == NULL ? lod_retile_defaults() : *(const struct lod_retile_settings *)family_settings;
-  uint32_t counts[LOD_RETILE_MAX_LEVELS];
-  if (settings.vertices != NULL && (settings.level_count == 0 || settings.level_count > LOD_RETILE_MAX_LEVELS))
-    return lod_fail(problem, LOD_BAD_INPUT, "bad-vertices", "Between 1 and %d vertex counts can be asked for, not %u.", LOD_RETILE_MAX_LEVELS, settings.level_count);
-  uint32_t level_count = model_counts(units, unit_count, &settings, counts);
+static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *family_settings,
+                             const struct lod_progress *progress, struct lod_arena *arena, lod_level_sink *sink, void *sink_context,
+                             struct lod_problem *problem) {
+  struct lod_retile_settings settings =
+      family_settings == NULL ? lod_retile_defaults() : *(const struct lod_retile_settings *)family_settings;
+  uint32_t counts[LOD_RETILE_MAX_LEVELS], level_count = 0;
+  LOD_TRY(retile_check_settings(&settings, problem));
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct lod_retile *retiles = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, unit_count, struct lod_retile);
   enum lod_status status = retiles == NULL ? lod_fail_memory(problem) : LOD_OK;
+  if (status == LOD_OK && model_counts(units, unit_count, &settings, scratch, counts, &level_count) != LOD_OK)
+    status = lod_fail_memory(problem);
   double area = 0;
   for (uint32_t u = 0; u < unit_count; u++)
     area += unit_area(&units[u]);
   for (uint32_t u = 0; u < unit_count && status == LOD_OK; u++)
-    status = build_unit(&units[u], area > 0 ? unit_area(&units[u]) / area : 1.0 / unit_count, &settings, counts, level_count, progress, scratch, &retiles[u], problem);
+    status = build_unit(&units[u], area > 0 ? unit_area(&units[u]) / area : 1.0 / unit_count, &settings, counts, level_count, progress,
+                        scratch, &retiles[u], problem);
   if (status == LOD_OK)
     status = emit(retiles, unit_count, level_count, scratch, sink, sink_context);
   lod_arena_destroy(scratch);

@@ -1,4 +1,5 @@
-/* Flips for better triangles (Turk 1992, 4.5): Delaunay, unless the surface would be missed by more, or a triangle would look away from it. */
+/* Flips for better triangles (Turk 1992, 4.5): Delaunay, unless the surface would be missed by more, or a triangle would look away from it.
+ */
 #include <math.h>
 
 #include "core/retile/internal.h"
@@ -10,7 +11,8 @@ static bool has_normal(const struct tiling *t, uint32_t v) {
 }
 
 static struct lod_vec3 unit_normal(const struct tiling *t, uint32_t a, uint32_t b, uint32_t c) {
-  return lod_vec3_normalize(lod_vec3_cross(lod_vec3_subtract(t->positions[b], t->positions[a]), lod_vec3_subtract(t->positions[c], t->positions[a])));
+  return lod_vec3_normalize(
+      lod_vec3_cross(lod_vec3_subtract(t->positions[b], t->positions[a]), lod_vec3_subtract(t->positions[c], t->positions[a])));
 }
 
 /* How far the surface bulges over an edge, from the normals at its ends. */
@@ -69,7 +71,8 @@ void improve_flips(struct tiling *tiling, uint32_t passes) {
       uint32_t g = tiling->twin[h];
       if (tiling->faces[h / 3][0] == LOD_NONE || g == LOD_NONE || g < h || tiling->marks[h] != 0)
         continue;
-      const uint32_t v[4] = {tiling->faces[h / 3][h % 3], tiling->faces[g / 3][g % 3], tiling->faces[h / 3][(h + 2) % 3], tiling->faces[g / 3][(g + 2) % 3]};
+      const uint32_t v[4] = {tiling->faces[h / 3][h % 3], tiling->faces[g / 3][g % 3], tiling->faces[h / 3][(h + 2) % 3],
+                             tiling->faces[g / 3][(g + 2) % 3]};
       if (wants_flip(tiling, v) && chart_flip(tiling, h))
         flips++;
     }

@@ -5,15 +5,15 @@
 #include "core/mesh/adjacency.h"
 #include "core/retile/retile.h"
 
-#define RETILE_TRY_NEW(pointer, arena, count)                                                \
-  do {                                                                                       \
-    if (((pointer) = lod_arena_alloc((arena), (count), sizeof *(pointer))) == NULL)          \
-      return LOD_MEMORY;                                                                     \
+#define RETILE_TRY_NEW(pointer, arena, count)                                                                                              \
+  do {                                                                                                                                     \
+    if (((pointer) = lod_arena_alloc((arena), (count), sizeof *(pointer))) == NULL)                                                        \
+      return LOD_MEMORY;                                                                                                                   \
   } while (0)
-#define RETILE_TRY_NEW_ZERO(pointer, arena, count)                                           \
-  do {                                                                                       \
-    if (((pointer) = lod_arena_calloc((arena), (count), sizeof *(pointer))) == NULL)         \
-      return LOD_MEMORY;                                                                     \
+#define RETILE_TRY_NEW_ZERO(pointer, arena, count)                                                                                         \
+  do {                                                                                                                                     \
+    if (((pointer) = lod_arena_calloc((arena), (count), sizeof *(pointer))) == NULL)                                                       \
+      return LOD_MEMORY;                                                                                                                   \
   } while (0)
 
 /* ---- sheet.c: the source as a manifold, cut where it is none, with its feature lines ---- */
@@ -41,9 +41,9 @@ struct sheet {
   bool *on_line;          /* vertex_count: has feature edges */
   struct lod_vec3 *positions;
   uint32_t (*faces)[3];
-  const uint32_t *twin; /* 3 * face_count */
-  uint8_t *marks;       /* 3 * face_count: lod_feature_flag bits */
-  double *areas;        /* face_count */
+  const uint32_t *twin;            /* 3 * face_count */
+  uint8_t *marks;                  /* 3 * face_count: lod_feature_flag bits */
+  double *areas;                   /* face_count */
   struct lod_vec3 *normals;        /* face_count, unit; zero where there is no area */
   struct lod_vec3 *vertex_normals; /* vertex_count, unit, angle-weighted */
   double *spacing;                 /* vertex_count: wanted distance of points relative to the mean, > 0 */
@@ -100,20 +100,21 @@ LOD_WARN_UNUSED enum lod_status cloud_grid_create(const struct cloud_point *poin
                                                   struct cloud_grid *grid);
 /* Buckets of the up to 27 cells around p, each once; returns how many. */
 int cloud_grid_buckets(const struct cloud_grid *grid, struct lod_vec3 p, uint32_t buckets[27]);
-/* Are the two neighbours on the surface, as far as position and normal tell? Sheets that lie back to back or fold are not (Turk 1992, Fig. 2a). */
+/* Are the two neighbours on the surface, as far as position and normal tell? Sheets that lie back to back or fold are not (Turk 1992, Fig.
+ * 2a). */
 bool cloud_neighbours(const struct cloud_point *a, const struct cloud_point *b, double distance_squared);
 void cloud_place(const struct sheet *sheet, const struct lod_retile_point *at, struct cloud_point *point);
 
 /* Draws `count` points by weighted area. stratified: one from each of `count` parts of equal area. */
-LOD_WARN_UNUSED enum lod_status sample_draw(const struct sheet *sheet, uint32_t count, bool stratified, uint64_t seed, struct lod_arena *arena,
-                                            struct cloud_point *points);
+LOD_WARN_UNUSED enum lod_status sample_draw(const struct sheet *sheet, uint32_t count, bool stratified, uint64_t seed,
+                                            struct lod_arena *arena, struct cloud_point *points);
 /* Chooses `keep` of points [fixed, count) so that they and the fixed ones lie far from one another; distance: the wanted one, model units.
  * kept[i] for all points. */
-LOD_WARN_UNUSED enum lod_status sample_eliminate(const struct cloud_point *points, uint32_t fixed, uint32_t count, uint32_t keep, double distance,
-                                                 struct lod_arena *arena, bool *kept);
+LOD_WARN_UNUSED enum lod_status sample_eliminate(const struct cloud_point *points, uint32_t fixed, uint32_t count, uint32_t keep,
+                                                 double distance, struct lod_arena *arena, bool *kept);
 /* Moves points [fixed, count) away from one another and from the fixed ones. */
-LOD_WARN_UNUSED enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *points, uint32_t fixed, uint32_t count, double radius,
-                                             double damping, uint32_t steps, uint32_t threads, struct lod_arena *arena);
+LOD_WARN_UNUSED enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *points, uint32_t fixed, uint32_t count,
+                                             double radius, double damping, uint32_t steps, uint32_t threads, struct lod_arena *arena);
 /* Moves a point over the triangles; it slides along features and boundaries. */
 void repel_walk(const struct sheet *sheet, struct cloud_point *point, struct lod_vec3 displacement);
 
@@ -127,10 +128,10 @@ struct tiling {
   struct lod_vec3 *positions;
   struct lod_vec3 *normals; /* of the source there */
   struct lod_retile_point *points;
-  uint32_t *copies;   /* as sheet.copies */
-  uint8_t *birth;     /* level, or TILING_OLD */
-  bool *fixed, *dead; /* of vertices */
-  uint32_t *corner;   /* a half-edge that starts at the vertex */
+  uint32_t *copies;     /* as sheet.copies */
+  uint8_t *birth;       /* level, or TILING_OLD */
+  bool *fixed, *dead;   /* of vertices */
+  uint32_t *corner;     /* a half-edge that starts at the vertex */
   uint32_t (*faces)[3]; /* LOD_NONE first: dead */
   uint32_t *twin;
   uint8_t *marks;
@@ -180,20 +181,30 @@ bool chart_flip(struct tiling *tiling, uint32_t h);
 /* ---- remove.c ---- */
 
 /* Removes vertices that `which` chooses, in an order of least error and valence; returns how many are left. */
-LOD_WARN_UNUSED enum lod_status remove_vertices(struct tiling *tiling, bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level),
-                                                uint32_t level, struct lod_arena *arena, uint32_t *left);
+LOD_WARN_UNUSED enum lod_status remove_vertices(struct tiling *tiling,
+                                                bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level), uint32_t level,
+                                                struct lod_arena *arena, uint32_t *left);
 
 /* ---- improve.c ---- */
 void improve_flips(struct tiling *tiling, uint32_t passes);
 
 /* ---- extract.c: a level as a mesh with attributes ---- */
-/* vertex_to: tiling.vertex_count, face_to: tiling.face_count: numbers in the level, LOD_NONE for what is dead. Fills mesh, candidates, retained
- * and points. */
+/* vertex_to: tiling.vertex_count, face_to: tiling.face_count: numbers in the level, LOD_NONE for what is dead. Fills mesh, candidates,
+ * retained and points. */
 LOD_WARN_UNUSED enum lod_status extract_level(const struct tiling *tiling, uint32_t number, struct lod_arena *arena,
                                               struct lod_retile_level *level, uint32_t *vertex_to, uint32_t *face_to);
 
-static inline uint32_t retile_next(uint32_t h) { return lod_half_edge_next(h); }
-static inline uint32_t retile_previous(uint32_t h) { return lod_half_edge_previous(h); }
+/* ---- retile.c ---- */
+LOD_WARN_UNUSED enum lod_status retile_check_settings(const struct lod_retile_settings *settings, struct lod_problem *problem);
+/* About the vertices that an error (model units) needs: a hexagonal lattice with edge l on curvature k misses by l * l * k / 8. */
+LOD_WARN_UNUSED enum lod_status retile_vertices_for(const struct lod_mesh *mesh, double error, struct lod_arena *arena, double *vertices);
+
+static inline uint32_t retile_next(uint32_t h) {
+  return lod_half_edge_next(h);
+}
+static inline uint32_t retile_previous(uint32_t h) {
+  return lod_half_edge_previous(h);
+}
 
 /* SplitMix64 (Steele, Lea, Flood 2014). */
 static inline uint64_t retile_random(uint64_t *state) {
@@ -202,6 +213,8 @@ static inline uint64_t retile_random(uint64_t *state) {
   z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
   return z ^ (z >> 31);
 }
-static inline double retile_random_unit(uint64_t *state) { return (double)(retile_random(state) >> 11) * 0x1p-53; }
+static inline double retile_random_unit(uint64_t *state) {
+  return (double)(retile_random(state) >> 11) * 0x1p-53;
+}
 
 #endif

@@ -14,7 +14,7 @@ struct placer {
   struct line_point {
     double at; /* way from the line's start */
     uint8_t birth;
-  } *along;
+  } * along;
   uint32_t *along_count; /* by line */
   uint32_t along_capacity;
   struct line_point **of_line;
@@ -22,7 +22,9 @@ struct placer {
   uint32_t on_lines[LOD_RETILE_MAX_LEVELS], on_faces[LOD_RETILE_MAX_LEVELS];
 };
 
-static bool borders(const struct sheet *sheet, const struct sheet_line *line) { return sheet->twin[sheet->steps[line->begin].half_edge] == LOD_NONE; }
+static bool borders(const struct sheet *sheet, const struct sheet_line *line) {
+  return sheet->twin[sheet->steps[line->begin].half_edge] == LOD_NONE;
+}
 
 static uint32_t pieces(double gap, double spacing) {
   double n = floor(gap / spacing + 0.5);
@@ -252,8 +254,11 @@ static enum lod_status relax(struct placer *p, struct cloud *cloud) {
         from[count] = i;
         subset[count++] = cloud->points[i];
       }
-    double radius = p->settings->radius * sqrt(p->sheet->weighted_area / fmax(1, p->on_faces[level] + 0.5 * (fixed < p->on_lines[level] ? fixed : p->on_lines[level])));
-    LOD_TRY(repel_points(p->sheet, subset, fixed, count, radius, p->settings->damping, p->settings->steps, p->settings->threads, p->scratch));
+    double radius =
+        p->settings->radius *
+        sqrt(p->sheet->weighted_area / fmax(1, p->on_faces[level] + 0.5 * (fixed < p->on_lines[level] ? fixed : p->on_lines[level])));
+    LOD_TRY(
+        repel_points(p->sheet, subset, fixed, count, radius, p->settings->damping, p->settings->steps, p->settings->threads, p->scratch));
     for (uint32_t i = fixed; i < count; i++)
       cloud->points[from[i]] = subset[i];
   }
@@ -290,12 +295,17 @@ static enum lod_status place(struct placer *p, const struct lod_progress *progre
   return LOD_OK;
 }
 
-enum lod_status place_sites(const struct sheet *sheet, const struct lod_retile_settings *settings, const uint32_t *counts, uint32_t level_count,
-                            const struct lod_progress *progress, struct lod_arena *arena, struct sites *sites) {
+enum lod_status place_sites(const struct sheet *sheet, const struct lod_retile_settings *settings, const uint32_t *counts,
+                            uint32_t level_count, const struct lod_progress *progress, struct lod_arena *arena, struct sites *sites) {
   *sites = (struct sites){0};
   if (sheet->face_count == 0 || level_count == 0)
     return LOD_OK;
-  struct placer p = {.sheet = sheet, .settings = settings, .counts = counts, .level_count = level_count, .arena = arena, .scratch = lod_arena_create_child(arena)};
+  struct placer p = {.sheet = sheet,
+                     .settings = settings,
+                     .counts = counts,
+                     .level_count = level_count,
+                     .arena = arena,
+                     .scratch = lod_arena_create_child(arena)};
   enum lod_status status = p.scratch == NULL ? LOD_MEMORY : place(&p, progress, sites);
   lod_arena_destroy(p.scratch);
   return status;

@@ -1,9 +1,9 @@
 /* Removing vertices: the hole that a vertex leaves is laid out by its polar map and triangulated at least cost.
  *
  * Based on: Turk 1992, 4.3, 4.4, 4.6; Lee, Sweldens, Schroeder, Cowsar, Dobkin. MAPS. 1998, 4.2 (the polar map: angles scaled to fill the
- * plane, radii raised to the same power). The layout is star-shaped around the vertex, so Turk's first check cannot fail; the second (no edge
- * of three triangles) is a rule for diagonals inside the triangulation. A vertex of a feature line leaves two half holes and one edge of the
- * line between them. Topology changes nowhere: each hole is a disc, and so is what fills it. */
+ * plane, radii raised to the same power). The layout is star-shaped around the vertex, so Turk's first check cannot fail; the second (no
+ * edge of three triangles) is a rule for diagonals inside the triangulation. A vertex of a feature line leaves two half holes and one edge
+ * of the line between them. Topology changes nowhere: each hole is a disc, and so is what fills it. */
 #include <math.h>
 #include <string.h>
 
@@ -54,7 +54,9 @@ struct remover {
   uint32_t half[MAX_RING + 1][MAX_RING + 1];
 };
 
-static uint32_t start_of(const struct tiling *t, uint32_t h) { return t->faces[h / 3][h % 3]; }
+static uint32_t start_of(const struct tiling *t, uint32_t h) {
+  return t->faces[h / 3][h % 3];
+}
 
 static bool gather(const struct tiling *t, uint32_t v, struct star *s) {
   uint32_t begin = tiling_first(t, v, &s->closed), h = begin;
@@ -86,8 +88,8 @@ static double angle_at(struct lod_vec3 p, struct lod_vec3 a, struct lod_vec3 b) 
 }
 
 /* Lays out ring places from..to over the angle `span` from `begin` on. */
-static void lay_sector(const struct tiling *t, struct star *s, uint32_t from, uint32_t to, double begin, double span, bool even, double *angles,
-                       double *radii) {
+static void lay_sector(const struct tiling *t, struct star *s, uint32_t from, uint32_t to, double begin, double span, bool even,
+                       double *angles, double *radii) {
   double sum = 0, turned[MAX_RING + 1], mean = 0;
   struct lod_vec3 p = t->positions[s->v];
   for (uint32_t i = from; i < to; i++) {
@@ -414,7 +416,9 @@ static double priority(const struct tiling *t, uint32_t v) {
   return fabs(lod_vec3_dot(sum, t->normals[v])) / count + 0.03 * length;
 }
 
-static bool before(const struct entry *a, const struct entry *b) { return a->key < b->key || (a->key == b->key && a->v < b->v); }
+static bool before(const struct entry *a, const struct entry *b) {
+  return a->key < b->key || (a->key == b->key && a->v < b->v);
+}
 
 static enum lod_status push(struct remover *r, uint32_t v) {
   if (r->heap_count == r->heap_capacity) {
@@ -446,8 +450,8 @@ static struct entry pop(struct remover *r) {
   return top;
 }
 
-enum lod_status remove_vertices(struct tiling *tiling, bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level), uint32_t level,
-                                struct lod_arena *arena, uint32_t *left) {
+enum lod_status remove_vertices(struct tiling *tiling, bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level),
+                                uint32_t level, struct lod_arena *arena, uint32_t *left) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct remover *r = scratch == NULL ? NULL : LOD_NEW(scratch, 1, struct remover);
   enum lod_status status = r == NULL ? LOD_MEMORY : LOD_OK;

@@ -1,5 +1,5 @@
-/* Points push one another away over the triangles (Turk 1992, 3.2; Turk 1991): a force that falls linearly to zero at a radius, and a walk that
- * unfolds its way across each edge. Every step moves all points at once, so that the order of points and threads does not matter. */
+/* Points push one another away over the triangles (Turk 1992, 3.2; Turk 1991): a force that falls linearly to zero at a radius, and a walk
+ * that unfolds its way across each edge. Every step moves all points at once, so that the order of points and threads does not matter. */
 #include <math.h>
 #include <string.h>
 
@@ -109,8 +109,8 @@ static void walk_chunk(void *context, size_t begin, size_t end, size_t chunk) {
     repel_walk(r->sheet, &r->points[r->fixed + i], r->moves[i]);
 }
 
-enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *points, uint32_t fixed, uint32_t count, double radius, double damping,
-                             uint32_t steps, uint32_t threads, struct lod_arena *arena) {
+enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *points, uint32_t fixed, uint32_t count, double radius,
+                             double damping, uint32_t steps, uint32_t threads, struct lod_arena *arena) {
   enum { GRAIN = 1024 };
   struct repulsion r = {.sheet = sheet, .points = points, .fixed = fixed, .radius = radius, .damping = damping};
   double widest = 0;

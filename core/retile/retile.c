@@ -24,14 +24,16 @@ struct lod_retile_settings lod_retile_defaults(void) {
                                       .flips = 4};
 }
 
-static enum lod_status check_settings(const struct lod_retile_settings *s, struct lod_problem *problem) {
+enum lod_status retile_check_settings(const struct lod_retile_settings *s, struct lod_problem *problem) {
   if (s->vertices != NULL && (s->level_count == 0 || s->level_count > LOD_RETILE_MAX_LEVELS))
-    return lod_fail(problem, LOD_BAD_INPUT, "bad-vertices", "Between 1 and %d vertex counts can be asked for, not %u.", LOD_RETILE_MAX_LEVELS, s->level_count);
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-vertices", "Between 1 and %d vertex counts can be asked for, not %u.",
+                    LOD_RETILE_MAX_LEVELS, s->level_count);
   if (s->vertices == NULL && !(s->ratio >= 1.1 && s->ratio <= 1000 && s->finest_error > 0))
-    return lod_fail(problem, LOD_BAD_INPUT, "bad-ladder", "The ratio of levels must be in [1.1, 1000] and the finest error positive, not %g and %g.", s->ratio,
-                    s->finest_error);
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-ladder",
+                    "The ratio of levels must be in [1.1, 1000] and the finest error positive, not %g and %g.", s->ratio, s->finest_error);
   if (!(s->damping >= 0 && s->damping <= 1 && s->radius >= 0 && s->radius <= 10 && s->adapt >= 1 && s->adapt <= 100 && s->steps <= 10000))
-    return lod_fail(problem, LOD_BAD_INPUT, "bad-repulsion", "Repulsion takes a damping in [0, 1], a radius in [0, 10], at most 10000 steps, and spacing adapts by 1 to 100.");
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-repulsion",
+                    "Repulsion takes a damping in [0, 1], a radius in [0, 10], at most 10000 steps, and spacing adapts by 1 to 100.");
   return LOD_OK;
 }
 
@@ -40,8 +42,7 @@ static int compare_counts(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-/* Vertices that an error needs: a triangle of a hexagonal lattice with edge l on curvature k misses by l * l * k / 8. */
-static enum lod_status vertices_for(const struct lod_mesh *mesh, double error, struct lod_arena *arena, double *vertices) {
+enum lod_status retile_vertices_for(const struct lod_mesh *mesh, double error, struct lod_arena *arena, double *vertices) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct lod_curvature curvature;
   enum lod_status status = scratch == NULL ? LOD_MEMORY : lod_curvature_estimate(mesh, LOD_CURVATURE_TENSOR, scratch, &curvature);
@@ -72,7 +73,7 @@ static enum lod_status choose_counts(const struct lod_mesh *mesh, const struct l
   struct lod_bounds bounds = lod_mesh_bounds(mesh);
   double error = s->finest_error * lod_bounds_diagonal(&bounds), finest = 0;
   if (error > 0)
-    LOD_TRY(vertices_for(mesh, error, arena, &finest));
+    LOD_TRY(retile_vertices_for(mesh, error, arena, &finest));
   finest = fmin(fmax(finest, s->least), mesh->vertex_count);
   double steps = fmax(0, floor(log(finest / fmax(4, s->least)) / log(s->ratio) + 0.5));
   *level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
@@ -81,11 +82,13 @@ static enum lod_status choose_counts(const struct lod_mesh *mesh, const struct l
   return LOD_OK;
 }
 
-static bool too_fine(const struct tiling *tiling, uint32_t v, uint32_t level) { return tiling->birth[v] > level; }
+static bool too_fine(const struct tiling *tiling, uint32_t v, uint32_t level) {
+  return tiling->birth[v] > level;
+}
 
 /* Where the finer level's vertices lie on the level just built. */
-static enum lod_status record_step(const struct tiling *tiling, struct lod_retile_level *level, const struct lod_retile_level *finer, const uint32_t *finer_to,
-                                   const uint32_t *vertex_to, const uint32_t *face_to, struct lod_arena *arena) {
+static enum lod_status record_step(const struct tiling *tiling, struct lod_retile_level *level, const struct lod_retile_level *finer,
+                                   const uint32_t *finer_to, const uint32_t *vertex_to, const uint32_t *face_to, struct lod_arena *arena) {
   RETILE_TRY_NEW(level->parents, arena, level->mesh.vertex_count);
   RETILE_TRY_NEW(level->flat, arena, finer->mesh.vertex_count);
   for (uint32_t v = 0; v < tiling->vertex_count; v++) {
@@ -158,13 +161,14 @@ static enum lod_status create(const struct lod_mesh *mesh, const struct lod_reti
   return build_levels(&tiling, settings, progress, arena, scratch, retile);
 }
 
-enum lod_status lod_retile_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, const struct lod_progress *progress,
-                                  struct lod_arena *arena, struct lod_retile *retile, struct lod_problem *problem) {
+enum lod_status lod_retile_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings,
+                                  const struct lod_progress *progress, struct lod_arena *arena, struct lod_retile *retile,
+                                  struct lod_problem *problem) {
   struct lod_retile_settings defaults = lod_retile_defaults();
   *retile = (struct lod_retile){0};
   if (settings == NULL)
     settings = &defaults;
-  LOD_TRY(check_settings(settings, problem));
+  LOD_TRY(retile_check_settings(settings, problem));
   struct lod_arena *scratch = lod_arena_create_child(arena);
   enum lod_status status = scratch == NULL ? LOD_MEMORY : create(mesh, settings, progress, arena, scratch, retile);
   lod_arena_destroy(scratch);
@@ -177,8 +181,8 @@ enum lod_status lod_retile_create(const struct lod_mesh *mesh, const struct lod_
   return status;
 }
 
-static enum lod_status tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points, uint32_t point_count, struct lod_arena *arena,
-                                  struct lod_arena *scratch, struct lod_mesh *out) {
+static enum lod_status tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points, uint32_t point_count,
+                                  struct lod_arena *arena, struct lod_arena *scratch, struct lod_mesh *out) {
   struct lod_retile_settings settings = lod_retile_defaults();
   struct sheet sheet;
   struct sites sites = {.count = point_count};
@@ -214,8 +218,8 @@ static enum lod_status tessellate(const struct lod_mesh *mesh, const struct lod_
   return LOD_OK;
 }
 
-enum lod_status lod_retile_tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points, uint32_t point_count, struct lod_arena *arena,
-                                      struct lod_mesh *tessellation) {
+enum lod_status lod_retile_tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points, uint32_t point_count,
+                                      struct lod_arena *arena, struct lod_mesh *tessellation) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   enum lod_status status = scratch == NULL ? LOD_MEMORY : tessellate(mesh, points, point_count, arena, scratch, tessellation);
   lod_arena_destroy(scratch);

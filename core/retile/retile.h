@@ -9,13 +9,13 @@
  * - Features (boundaries, creases, borders of materials and parts, UV seams) are lines: sampled first, in one dimension, merged only along
  *   themselves, never crossed by an edge. Turk states that his method is poor at sharp edges; this is why.
  * - Neighbours of a removed vertex are laid out by its polar map (Lee, Sweldens, Schroeder, Cowsar, Dobkin. MAPS. 1998), which never folds,
- *   instead of being projected onto 14 planes in turn, and triangulated at least cost by dynamic programming with Turk's second check inside,
- *   so that another triangulation is found where his method keeps the vertex.
+ *   instead of being projected onto 14 planes in turn, and triangulated at least cost by dynamic programming with Turk's second check
+ * inside, so that another triangulation is found where his method keeps the vertex.
  * - Curvature is the tensor of curvature.h; Turk's radius is LOD_RETILE_CURVATURE_TURK.
  * - Points and maps are integer barycentrics of 2^20: which triangle a point lies in is exact.
  *
- * Bad input: an edge of three triangles, or of two that run the same way, is cut; its vertices stay and are welded back. Triangles that name
- * a vertex twice disappear. Fewer vertices than the topology allows: the least that removal reaches is given. */
+ * Bad input: an edge of three triangles, or of two that run the same way, is cut; its vertices stay and are welded back. Triangles that
+ * name a vertex twice disappear. Fewer vertices than the topology allows: the least that removal reaches is given. */
 #ifndef LOD_CORE_RETILE_RETILE_H
 #define LOD_CORE_RETILE_RETILE_H
 
@@ -47,7 +47,7 @@ struct lod_retile_settings {
   double damping; /* share of the radius that a force of 1 moves a point by in a step; 0.25. Turk: 0.15 */
   /* Of repulsion, in units of sqrt(area / points); 1.2: just the nearest neighbours, which spreads points evenly. Turk's 2 makes clumps. */
   double radius;
-  uint64_t seed;  /* of everything random; 1 */
+  uint64_t seed; /* of everything random; 1 */
 
   enum lod_retile_curvature curvature;
   double adapt; /* spacing differs from the mean by at most this factor, >= 1; 2 */
@@ -86,11 +86,11 @@ LOD_WARN_UNUSED enum lod_status lod_retile_create(const struct lod_mesh *mesh, c
                                                   const struct lod_progress *progress, struct lod_arena *arena, struct lod_retile *retile,
                                                   struct lod_problem *problem);
 
-/* Points on `mesh`, in place of spread ones, as the mutual tessellation sees them: every triangle replaced by triangles that tile it exactly,
- * with its points as vertices (Turk 1992, 4.2). Points lie strictly inside triangles or, with one weight 0, on an edge, which both triangles
- * see; equal points are made one. Vertices: those of the mesh, then those of the points. For pictures and tests. */
-LOD_WARN_UNUSED enum lod_status lod_retile_tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points, uint32_t point_count,
-                                                      struct lod_arena *arena, struct lod_mesh *tessellation);
+/* Points on `mesh`, in place of spread ones, as the mutual tessellation sees them: every triangle replaced by triangles that tile it
+ * exactly, with its points as vertices (Turk 1992, 4.2). Points lie strictly inside triangles or, with one weight 0, on an edge, which both
+ * triangles see; equal points are made one. Vertices: those of the mesh, then those of the points. For pictures and tests. */
+LOD_WARN_UNUSED enum lod_status lod_retile_tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points,
+                                                      uint32_t point_count, struct lod_arena *arena, struct lod_mesh *tessellation);
 
 /* settings of its build: struct lod_retile_settings. Levels have parents, no bound. */
 extern const struct lod_family lod_retile_family;

@@ -23,12 +23,17 @@ struct web {
 };
 
 static double edge_length(const struct web *web, uint32_t e) {
-  return lod_vec3_distance(lod_vec3_from_float(web->mesh->positions[web->ends[e][0]]), lod_vec3_from_float(web->mesh->positions[web->ends[e][1]]));
+  return lod_vec3_distance(lod_vec3_from_float(web->mesh->positions[web->ends[e][0]]),
+                           lod_vec3_from_float(web->mesh->positions[web->ends[e][1]]));
 }
 
-static uint32_t other_end(const struct web *web, uint32_t e, uint32_t v) { return web->ends[e][0] == v ? web->ends[e][1] : web->ends[e][0]; }
+static uint32_t other_end(const struct web *web, uint32_t e, uint32_t v) {
+  return web->ends[e][0] == v ? web->ends[e][1] : web->ends[e][0];
+}
 
-static uint32_t degree(const struct web *web, uint32_t v) { return web->begin[v + 1] - web->begin[v]; }
+static uint32_t degree(const struct web *web, uint32_t v) {
+  return web->begin[v + 1] - web->begin[v];
+}
 
 static void list_edges(struct web *web) {
   uint32_t count = web->mesh->vertex_count;
@@ -140,7 +145,8 @@ static enum lod_status find_corners(struct web *web, double corner_degrees, doub
   for (uint32_t v = 0; v < count; v++) {
     uint32_t d = degree(web, v);
     const uint32_t *e = web->edges + web->begin[v];
-    if (d != 0 && (d != 2 || (web->flags[e[0]] ^ web->flags[e[1]]) & (LOD_FEATURE_BOUNDARY | LOD_FEATURE_NON_MANIFOLD | LOD_FEATURE_MATERIAL | LOD_FEATURE_UV_SEAM)))
+    if (d != 0 && (d != 2 || (web->flags[e[0]] ^ web->flags[e[1]]) &
+                                 (LOD_FEATURE_BOUNDARY | LOD_FEATURE_NON_MANIFOLD | LOD_FEATURE_MATERIAL | LOD_FEATURE_UV_SEAM)))
       web->corner[v] = true;
   }
   double *turn;
@@ -229,7 +235,8 @@ static enum lod_status find_features(struct sheet *sheet, const struct lod_adjac
   drop_loose_creases(&web, kLooseCrease * scale);
   LOD_TRY(find_corners(&web, settings->corner_degrees, 0.25 * scale, scratch));
   for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++)
-    sheet->marks[h] = adjacency->edge_of[h] == LOD_NONE ? 0 : web.flags[adjacency->edge_of[h]] | (sheet->twin[h] == LOD_NONE ? LOD_FEATURE_BOUNDARY : 0);
+    sheet->marks[h] =
+        adjacency->edge_of[h] == LOD_NONE ? 0 : web.flags[adjacency->edge_of[h]] | (sheet->twin[h] == LOD_NONE ? LOD_FEATURE_BOUNDARY : 0);
   for (uint32_t f = 0; f < sheet->vertex_count; f++) {
     uint32_t v = sheet->origin[f];
     sheet->fixed[f] = web.corner[v];
@@ -275,8 +282,8 @@ static int compare_doubles(const void *a, const void *b) {
 
 /* Spacing by curvature: an edge of length l on curvature k misses the surface by l * l * k / 8, so l goes with 1 / sqrt(k). It grows by at
  * most 0.3 a unit of way, so that triangles keep their shape where it changes. */
-static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_retile_settings *settings,
-                                       double scale, struct lod_arena *arena, struct lod_arena *scratch) {
+static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_retile_settings *settings, double scale,
+                                       struct lod_arena *arena, struct lod_arena *scratch) {
   RETILE_TRY_NEW(sheet->spacing, arena, sheet->vertex_count);
   for (uint32_t f = 0; f < sheet->vertex_count; f++)
     sheet->spacing[f] = 1;

@@ -1,8 +1,8 @@
 /* Triangles that change: a corner table whose slots are reused, and the mutual tessellation (Turk 1992, 4.2).
  *
  * Each source triangle is tiled by itself: points on its sides first, then those inside, each into the triangle that contains it, and
- * edges are flipped until they are Delaunay (Lawson). Where a point lies is decided by exact signs of integer weights; the circle test is in
- * double, for it only chooses between two tilings that are both right. */
+ * edges are flipped until they are Delaunay (Lawson). Where a point lies is decided by exact signs of integer weights; the circle test is
+ * in double, for it only chooses between two tilings that are both right. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,7 +16,9 @@ void tiling_link(struct tiling *tiling, uint32_t a, uint32_t b) {
     tiling->twin[b] = a;
 }
 
-static uint32_t start_of(const struct tiling *t, uint32_t h) { return t->faces[h / 3][h % 3]; }
+static uint32_t start_of(const struct tiling *t, uint32_t h) {
+  return t->faces[h / 3][h % 3];
+}
 
 uint32_t tiling_first(const struct tiling *tiling, uint32_t v, bool *closed) {
   uint32_t begin = tiling->corner[v], h = begin;
@@ -69,7 +71,8 @@ bool tiling_connected(const struct tiling *tiling, uint32_t a, uint32_t b) {
 
 void tiling_flip(struct tiling *tiling, uint32_t h) {
   uint32_t g = tiling->twin[h], f0 = h / 3, f1 = g / 3;
-  uint32_t a = start_of(tiling, h), b = start_of(tiling, g), c = start_of(tiling, retile_previous(h)), d = start_of(tiling, retile_previous(g));
+  uint32_t a = start_of(tiling, h), b = start_of(tiling, g), c = start_of(tiling, retile_previous(h)),
+           d = start_of(tiling, retile_previous(g));
   uint32_t old[4] = {retile_previous(h), retile_next(g), retile_previous(g), retile_next(h)}; /* ca, ad, db, bc */
   uint32_t to[4] = {3 * f0, 3 * f0 + 1, 3 * f1, 3 * f1 + 1}, twins[4], starts[4];
   uint8_t marks[4];
@@ -357,7 +360,8 @@ static void copy_sheet(struct tiling *t, const struct sheet *sheet) {
       if (sheet->faces[f][0] == LOD_NONE)
         continue;
       t->corner[sheet->faces[f][k]] = 3 * f + k;
-      t->points[sheet->faces[f][k]] = (struct lod_retile_point){f, {k == 0 ? LOD_RETILE_ONE : 0, k == 1 ? LOD_RETILE_ONE : 0, k == 2 ? LOD_RETILE_ONE : 0}};
+      t->points[sheet->faces[f][k]] =
+          (struct lod_retile_point){f, {k == 0 ? LOD_RETILE_ONE : 0, k == 1 ? LOD_RETILE_ONE : 0, k == 2 ? LOD_RETILE_ONE : 0}};
     }
   }
 }
@@ -404,7 +408,8 @@ static void insert_inside(struct tiling *t, const struct sites *sites, const str
       continue;
     if (face != tiler.face) {
       const uint32_t *v = t->sheet->faces[face];
-      struct lod_vec3 a = lod_vec3_subtract(t->positions[v[1]], t->positions[v[0]]), b = lod_vec3_subtract(t->positions[v[2]], t->positions[v[0]]);
+      struct lod_vec3 a = lod_vec3_subtract(t->positions[v[1]], t->positions[v[0]]),
+                      b = lod_vec3_subtract(t->positions[v[2]], t->positions[v[0]]);
       tiler.face = last = face; /* slot `face` always tiles this face */
       tiler.e1 = lod_vec3_length(a);
       tiler.e2x = tiler.e1 > 0 ? lod_vec3_dot(a, b) / tiler.e1 : 0;
@@ -420,12 +425,14 @@ static void insert_inside(struct tiling *t, const struct sites *sites, const str
 static uint32_t drop_doubles(const struct sites *sites, struct order *order, uint32_t count) {
   uint32_t kept = 0;
   for (uint32_t i = 0; i < count; i++)
-    if (kept == 0 || memcmp(&sites->items[order[i].site].point, &sites->items[order[kept - 1].site].point, sizeof sites->items[0].point) != 0)
+    if (kept == 0 ||
+        memcmp(&sites->items[order[i].site].point, &sites->items[order[kept - 1].site].point, sizeof sites->items[0].point) != 0)
       order[kept++] = order[i];
   return kept;
 }
 
-static enum lod_status order_sites(struct tiling *t, const struct sites *sites, struct lod_arena *scratch, struct order **order, uint32_t *count) {
+static enum lod_status order_sites(struct tiling *t, const struct sites *sites, struct lod_arena *scratch, struct order **order,
+                                   uint32_t *count) {
   RETILE_TRY_NEW(*order, scratch, sites->count);
   *count = 0;
   for (uint32_t i = 0; i < sites->count; i++) {

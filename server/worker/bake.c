@@ -12,6 +12,7 @@
 #include "core/envelope/envelope.h"
 #include "core/mesh/copy.h"
 #include "core/mesh/topology.h"
+#include "core/retile/retile.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
 
@@ -32,10 +33,13 @@ static enum lod_status cluster_settings(const struct lod_bake_request *request, 
                                         const void **settings);
 static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
                                          const void **settings);
+static enum lod_status retile_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                       const void **settings);
 
 static const struct recipe kRecipes[] = {
     {&lod_cluster_family, true, cluster_settings},
     {&lod_envelope_family, false, envelope_settings}, /* takes ten times as long as clustering */
+    {&lod_retile_family, false, retile_settings},
 };
 enum { RECIPE_COUNT = sizeof kRecipes / sizeof kRecipes[0] };
 
@@ -146,6 +150,28 @@ static enum lod_status envelope_settings(const struct lod_bake_request *request,
       epsilons[i] = ladder[i] * diagonal;
   }
   *settings = envelope->epsilon_count == 0 ? NULL : envelope;
+  return LOD_OK;
+}
+
+/* Re-tiling is asked for numbers of vertices; an error asked for ends its ladder. */
+static enum lod_status retile_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                       const void **settings) {
+  struct lod_retile_settings *retile = LOD_NEW(arena, 1, struct lod_retile_settings);
+  double *epsilons = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
+  if (retile == NULL || epsilons == NULL)
+    return LOD_MEMORY;
+  *retile = lod_retile_defaults();
+  retile->threads = request->threads;
+  *settings = retile;
+  if (request->vertices_count != 0) {
+    retile->vertices = request->vertices;
+    retile->level_count = request->vertices_count < LOD_RETILE_MAX_LEVELS ? request->vertices_count : LOD_RETILE_MAX_LEVELS;
+  } else if (request->epsilon_count != 0) {
+    if (requested_errors(request, diagonal, epsilons) == 0)
+      *settings = NULL;
+    else
+      retile->finest_error = epsilons[0] / diagonal;
+  }
   return LOD_OK;
 }
 

@@ -27,6 +27,9 @@ struct lod_bake_request {
   double epsilons[LOD_BAKE_MAX_LIST];
   bool epsilon_relative[LOD_BAKE_MAX_LIST];
   uint32_t epsilon_count;
+  uint32_t
+      vertices[LOD_BAKE_MAX_LIST]; /* vertices of each level of families that can be asked for a number (retile); none = their ladder */
+  uint32_t vertices_count;
   uint32_t threads;          /* as lod_parallel_for */
   uint64_t max_memory_bytes; /* of everything the bake allocates itself; 0 = no limit */
   struct lod_import_limits limits;

@@ -1,6 +1,6 @@
 /* Re-tiling: per model and number of vertices the certified error, triangle quality and time, ours beside Turk's literal placement.
- * Arguments: [-n N[,N...]] [-p FOLDER] [-s STEPS] [-d DAMPING] [-r RADIUS] [-o 1] PLY files; default: models/scans, cad, iso of the shared data and 250, 800, 2500 vertices. -p writes
- * pictures of every level; -o leaves the comparisons out. */
+ * Arguments: [-n N[,N...]] [-p FOLDER] [-s STEPS] [-d DAMPING] [-r RADIUS] [-o 1] PLY files; default: models/scans, cad, iso of the shared
+ * data and 250, 800, 2500 vertices. -p writes pictures of every level; -o leaves the comparisons out. */
 #include <dirent.h>
 #include <math.h>
 #include <stdio.h>
@@ -52,7 +52,8 @@ static struct quality measure_quality(const struct lod_mesh *mesh, struct lod_ar
     for (int k = 0; k < 3; k++)
       s[k] = lod_vec3_distance(p[(k + 1) % 3], p[(k + 2) % 3]);
     for (int k = 0; k < 3; k++) {
-      double cosine = (s[(k + 1) % 3] * s[(k + 1) % 3] + s[(k + 2) % 3] * s[(k + 2) % 3] - s[k] * s[k]) / (2 * s[(k + 1) % 3] * s[(k + 2) % 3]);
+      double cosine =
+          (s[(k + 1) % 3] * s[(k + 1) % 3] + s[(k + 2) % 3] * s[(k + 2) % 3] - s[k] * s[k]) / (2 * s[(k + 1) % 3] * s[(k + 2) % 3]);
       smallest = fmin(smallest, acos(fmin(1, fmax(-1, cosine))) * 57.29577951308232);
     }
     double product = s[0] * s[1] * s[2];
@@ -108,10 +109,11 @@ static void bench(const char *name, const struct lod_mesh *mesh, const char *mod
     must(lod_topology_measure(&level->mesh, NULL, scratch, &topology));
     must(lod_distance_measure(&level->mesh, mesh, &exact, scratch, &distance));
     struct quality q = measure_quality(&level->mesh, scratch);
-    bool kept = topology.components == source.components && topology.boundary_loops == source.boundary_loops && topology.euler == source.euler;
+    bool kept =
+        topology.components == source.components && topology.boundary_loops == source.boundary_loops && topology.euler == source.euler;
     printf("%-22.22s %-7s %7u %6u %5u | %7.3f %7.4f | %5.3f %5.3f %5.1f %4.0f%% | %s | %6.2f %6.1f\n", name, mode, level->mesh.vertex_count,
-           level->mesh.triangle_count, level->retained, 100 * distance.two_sided.upper / diagonal, 100 * distance.rms / diagonal, q.mean, q.percent,
-           q.angle, 100 * q.valence6, kept ? "kept" : "LOST", k == 0 ? seconds : 0, k == 0 ? (double)peak / 1048576 : 0);
+           level->mesh.triangle_count, level->retained, 100 * distance.two_sided.upper / diagonal, 100 * distance.rms / diagonal, q.mean,
+           q.percent, q.angle, 100 * q.valence6, kept ? "kept" : "LOST", k == 0 ? seconds : 0, k == 0 ? (double)peak / 1048576 : 0);
     fflush(stdout);
     if (picture_folder != NULL)
       draw(name, mode, &level->mesh);
@@ -154,7 +156,9 @@ static void bench_file(const char *path, const uint32_t *counts, uint32_t count)
   lod_arena_destroy(arena);
 }
 
-static int compare_names(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
+static int compare_names(const void *a, const void *b) {
+  return strcmp(*(char *const *)a, *(char *const *)b);
+}
 
 static int list_folder(const char *folder, char **names, int most) {
   DIR *directory = opendir(folder);
@@ -200,7 +204,8 @@ int main(int argc, char **argv) {
     paths = found;
     files += list_folder(folder, found + files, MOST - files);
   }
-  printf("%-22s %-7s %7s %6s %5s | %7s %7s | %5s %5s %5s %5s | topo | %6s %6s\n", "model", "mode", "vert", "tri", "kept", "error %", "rms %", "2r/R", "1 %", "angle", "val 6", "s", "MiB");
+  printf("%-22s %-7s %7s %6s %5s | %7s %7s | %5s %5s %5s %5s | topo | %6s %6s\n", "model", "mode", "vert", "tri", "kept", "error %",
+         "rms %", "2r/R", "1 %", "angle", "val 6", "s", "MiB");
   for (int i = 0; i < files; i++)
     bench_file(paths[i], counts, count);
   return 0;

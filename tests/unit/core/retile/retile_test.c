@@ -111,7 +111,8 @@ static void square_with_n_points_becomes_2n_plus_2_triangles(void **state) {
     assert_same_topology(&mesh, &tiled);
     double area = 0;
     for (uint32_t t = 0; t < tiled.triangle_count; t++) {
-      const float *p = tiled.positions[tiled.triangles[t][0]], *q = tiled.positions[tiled.triangles[t][1]], *r = tiled.positions[tiled.triangles[t][2]];
+      const float *p = tiled.positions[tiled.triangles[t][0]], *q = tiled.positions[tiled.triangles[t][1]],
+                  *r = tiled.positions[tiled.triangles[t][2]];
       double twice = ((double)q[0] - p[0]) * ((double)r[1] - p[1]) - ((double)q[1] - p[1]) * ((double)r[0] - p[0]);
       assert_true(twice > -1e-6);
       area += twice / 2;
@@ -125,8 +126,9 @@ static void points_on_an_edge_are_seen_from_both_sides(void **state) {
   struct lod_mesh mesh = square(), tiled;
   const uint32_t third = LOD_RETILE_ONE / 3, rest = LOD_RETILE_ONE - third;
   /* Three on the diagonal, one of them told from either side; one on the border; one on a corner. */
-  const struct lod_retile_point points[] = {{0, {third, 0, rest}},  {1, {third, rest, 0}}, {1, {rest, third, 0}},
-                                            {0, {1000, 0, LOD_RETILE_ONE - 1000}}, {0, {third, rest, 0}}, {0, {LOD_RETILE_ONE, 0, 0}}};
+  const struct lod_retile_point points[] = {{0, {third, 0, rest}}, {1, {third, rest, 0}},
+                                            {1, {rest, third, 0}}, {0, {1000, 0, LOD_RETILE_ONE - 1000}},
+                                            {0, {third, rest, 0}}, {0, {LOD_RETILE_ONE, 0, 0}}};
   assert_int_equal(lod_retile_tessellate(&mesh, points, 6, arena, &tiled), LOD_OK);
   assert_int_equal(tiled.vertex_count, 8);
   assert_int_equal(tiled.triangle_count, 2 + 3 * 2 + 1);
@@ -293,10 +295,9 @@ static void turks_own_placement_keeps_topology_too(void **state) {
 static void tiny_and_broken_meshes_come_through(void **state) {
   (void)state;
   static float positions[5][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {2, 0, 0}, {0, 0, 1}};
-  static uint32_t one[1][3] = {{0, 1, 2}}, flat[1][3] = {{0, 1, 3}}, twice[1][3] = {{0, 0, 1}}, fin[3][3] = {{0, 1, 2}, {1, 0, 3}, {0, 1, 4}};
-  static const struct {
-    uint32_t (*triangles)[3], count;
-  } kCases[] = {{one, 0}, {one, 1}, {flat, 1}, {twice, 1}, {fin, 3}};
+  static uint32_t one[1][3] = {{0, 1, 2}}, flat[1][3] = {{0, 1, 3}}, twice[1][3] = {{0, 0, 1}},
+                  fin[3][3] = {{0, 1, 2}, {1, 0, 3}, {0, 1, 4}};
+  static const struct { uint32_t (*triangles)[3], count; } kCases[] = {{one, 0}, {one, 1}, {flat, 1}, {twice, 1}, {fin, 3}};
   const uint32_t counts[] = {3, 50};
   for (size_t i = 0; i < sizeof kCases / sizeof *kCases; i++) {
     struct lod_mesh mesh = {.vertex_count = 5, .triangle_count = kCases[i].count, .positions = positions, .triangles = kCases[i].triangles};
