@@ -190,7 +190,7 @@ static int bake_file(struct lod_bake_request *request, const char *path, const c
     return cli_problem(&problem, json);
   }
   const char *slash = strrchr(path, '/');
-  const char *base = slash == NULL ? path : slash + 1;
+  const char *base = slash != NULL ? slash + 1 : strcmp(path, "-") == 0 ? "stdin" : path;
   char parent[4096] = ".", id[256];
   if (slash != NULL)
     snprintf(parent, sizeof parent, "%.*s", slash == path ? 1 : (int)(slash - path), path);

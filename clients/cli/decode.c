@@ -59,8 +59,8 @@ static int run(int argc, char **argv) {
   if (status == LOD_OK)
     status = write_ply(&mesh, output, &problem);
   if (status == LOD_OK && arguments.json)
-    printf("{\"vertices\":%u,\"triangles\":%u,\"edges\":%u,\"points\":%u}\n", mesh.vertex_count, mesh.triangle_count, mesh.edge_count,
-           mesh.point_count);
+    fprintf(strcmp(output, "-") == 0 ? stderr : stdout, "{\"vertices\":%u,\"triangles\":%u,\"edges\":%u,\"points\":%u}\n",
+            mesh.vertex_count, mesh.triangle_count, mesh.edge_count, mesh.point_count);
   cli_file_close(&file);
   lod_arena_destroy(arena);
   return status == LOD_OK ? CLI_DONE : cli_problem(&problem, arguments.json);

@@ -1,4 +1,5 @@
 /* lodestream: the tool. A thin command line over server/worker, and over HTTP with libcurl. */
+#include <errno.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -16,7 +17,7 @@ static void print_overview(FILE *out) {
                "  lodestream bake model.glb -o levels && lodestream inspect levels\n");
 }
 
-int main(int argc, char **argv) {
+static int run(int argc, char **argv) {
   if (argc < 2) {
     print_overview(stderr);
     return CLI_USAGE;
@@ -35,4 +36,13 @@ int main(int argc, char **argv) {
   fprintf(stderr, "lodestream: there is no command \"%s\"\n\n", argv[1]);
   print_overview(stderr);
   return CLI_USAGE;
+}
+
+/* Facts that did not reach their file are no success. */
+int main(int argc, char **argv) {
+  int status = run(argc, argv);
+  if (fflush(stdout) == 0 && !ferror(stdout))
+    return status;
+  fprintf(stderr, "lodestream: cannot write to standard output: %s\n", strerror(errno));
+  return status == CLI_DONE ? CLI_BAD_INPUT : status;
 }

@@ -103,6 +103,13 @@ test('bad input is status 1 with a sentence, as JSON where that is asked for', a
   assert.deepEqual(fs.readdirSync(folder).filter((name) => name.startsWith('no') && name !== 'noise.ply'), []);
 });
 
+test('facts that cannot be written are no success', { skip: !fs.existsSync('/dev/full') }, async () => {
+  const full = fs.openSync('/dev/full', 'w');
+  const child = spawn(tool, ['inspect', model, '--json'], { cwd: folder, stdio: ['ignore', full, 'ignore'] });
+  fs.closeSync(full);
+  assert.equal(await new Promise((resolve) => child.on('exit', resolve)), BAD_INPUT);
+});
+
 test('limit that is broken is status 3 and names the limit', async () => {
   for (const [limit, input] of [['--max-triangles', model], ['--max-vertices', model], ['--max-bytes', model], ['--max-texture-pixels', textured],
     ['--max-texture-bytes', textured], ['--max-memory', model]]) {
@@ -203,6 +210,9 @@ test('decoded level is the level', async () => {
   }
   const piped = await lodestream('decode', levelPath('ball', baked.families.cluster.levels[0]), '-o', '-');
   assert.match(piped.stdout, /^ply\n/);
+  const both = await lodestream('decode', levelPath('ball', baked.families.cluster.levels[0]), '-o', '-', '--json');
+  assert.equal(both.stdout, piped.stdout, 'facts among the bytes');
+  assert.equal(JSON.parse(both.stderr).triangles, baked.families.cluster.levels[0].triangles);
 });
 
 test('exported tree is served by any file server, its levels find their textures', async () => {
