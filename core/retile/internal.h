@@ -24,9 +24,12 @@ struct sheet_step {
   bool reversed;
 };
 
+enum { SHEET_NEVER = 255 };
 struct sheet_line {
   uint32_t begin, end; /* steps */
   bool closed;         /* no corner on it: it goes around */
+  bool crease;         /* and nothing else: may be missing from coarse levels */
+  uint8_t birth;       /* the coarsest level that has it, or SHEET_NEVER */
   bool cut;            /* an edge where the surface is cut: nothing is added or removed there */
   double length;       /* in units of the spacing field */
 };
@@ -37,27 +40,26 @@ struct sheet {
   uint32_t vertex_count, face_count;
   const uint32_t *origin; /* vertex_count: mesh vertex */
   uint32_t *copies;       /* vertex_count: the next vertex of the same mesh vertex, around */
-  bool *fixed;            /* vertex_count: corners of features and vertices of cuts: never removed */
+  uint8_t *birth;         /* vertex_count: the coarsest level that must have the vertex (corners of lines, cuts), or SHEET_NEVER */
   bool *on_line;          /* vertex_count: has feature edges */
   struct lod_vec3 *positions;
   uint32_t (*faces)[3];
   const uint32_t *twin;            /* 3 * face_count */
-  uint8_t *marks;                  /* 3 * face_count: lod_feature_flag bits */
+  uint8_t *marks;                  /* 3 * face_count: 1 + birth of the line, 0 = none */
   double *areas;                   /* face_count */
   struct lod_vec3 *normals;        /* face_count, unit; zero where there is no area */
   struct lod_vec3 *vertex_normals; /* vertex_count, unit, angle-weighted */
   double *spacing;                 /* vertex_count: wanted distance of points relative to the mean, > 0 */
   double area;                     /* all */
   double weighted_area;            /* in units of the spacing field */
-  uint32_t fixed_count;            /* mesh vertices, not copies */
   struct sheet_step *steps;
   struct sheet_line *lines;
   uint32_t line_count;
 };
 
-/* scale: length below which details of feature lines do not matter, model units. */
-LOD_WARN_UNUSED enum lod_status sheet_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, double scale,
-                                             struct lod_arena *arena, struct sheet *sheet);
+/* counts: vertices of each level, coarsest first: they decide which creases a level can afford. */
+LOD_WARN_UNUSED enum lod_status sheet_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings,
+                                             const uint32_t *counts, uint32_t level_count, struct lod_arena *arena, struct sheet *sheet);
 /* A place on the sheet. */
 struct lod_vec3 sheet_position(const struct sheet *sheet, const struct lod_retile_point *point);
 double sheet_spacing(const struct sheet *sheet, const struct lod_retile_point *point);
@@ -147,6 +149,8 @@ struct tiling {
 /* The mutual tessellation of the sheet with the sites. */
 LOD_WARN_UNUSED enum lod_status tiling_create(const struct sheet *sheet, const struct sites *sites, struct lod_arena *arena,
                                               struct tiling *tiling);
+/* From now on the tiling is of this level: finer levels' lines end to be lines, and their corners to be fixed. */
+void tiling_descend(struct tiling *tiling, uint32_t level);
 /* Half-edge from a to b, or LOD_NONE. */
 uint32_t tiling_find(const struct tiling *tiling, uint32_t a, uint32_t b);
 /* The same for any copies of a and b. */

@@ -19,7 +19,7 @@ struct placer {
   uint32_t along_capacity;
   struct line_point **of_line;
   double spacing[LOD_RETILE_MAX_LEVELS];
-  uint32_t on_lines[LOD_RETILE_MAX_LEVELS], on_faces[LOD_RETILE_MAX_LEVELS];
+  uint32_t fixed[LOD_RETILE_MAX_LEVELS], on_lines[LOD_RETILE_MAX_LEVELS], on_faces[LOD_RETILE_MAX_LEVELS];
 };
 
 static bool borders(const struct sheet *sheet, const struct sheet_line *line) {
@@ -82,50 +82,53 @@ static enum lod_status refine_line(struct placer *p, uint32_t i, double spacing,
 }
 
 /* Lines that go around need three points to stay lines that go around; lines from a corner to itself two. */
-static enum lod_status start_lines(struct placer *p) {
+static enum lod_status start_lines(struct placer *p, uint32_t level) {
   const struct sheet *sheet = p->sheet;
-  RETILE_TRY_NEW_ZERO(p->along_count, p->scratch, sheet->line_count);
-  RETILE_TRY_NEW_ZERO(p->of_line, p->scratch, sheet->line_count);
   for (uint32_t i = 0; i < sheet->line_count; i++) {
     const struct sheet_line *line = &sheet->lines[i];
     const struct sheet_step *first = &sheet->steps[line->begin], *last = &sheet->steps[line->end - 1];
     uint32_t start = sheet->faces[first->half_edge / 3][(first->half_edge + first->reversed) % 3];
     uint32_t end = sheet->faces[last->half_edge / 3][(last->half_edge + !last->reversed) % 3];
-    if (!line->closed && sheet->origin[start] != sheet->origin[end])
+    if (line->birth != level || line->cut || (!line->closed && sheet->origin[start] != sheet->origin[end]))
       continue;
     RETILE_TRY_NEW(p->of_line[i], p->scratch, 3);
     for (uint32_t k = line->closed ? 0 : 1; k < 3; k++)
-      p->of_line[i][p->along_count[i]++] = (struct line_point){line->length * k / 3, 0};
+      p->of_line[i][p->along_count[i]++] = (struct line_point){line->length * k / 3, (uint8_t)level};
   }
+  p->fixed[level] = 0; /* mesh vertices: copies count once */
+  for (uint32_t v = 0; v < sheet->vertex_count; v++)
+    p->fixed[level] += sheet->birth[v] <= level && (v == 0 || sheet->origin[v - 1] != sheet->origin[v]);
   return LOD_OK;
 }
 
+static bool has_line(const struct placer *p, uint32_t i, uint32_t level) {
+  return p->sheet->lines[i].birth <= level && !p->sheet->lines[i].cut;
+}
+
 /* The spacing that gives a level its count: lines take their share first, then faces (a hexagonal lattice). */
-static void face_share(const struct placer *p, double spacing, double *total, uint32_t *lines) {
+static void face_share(const struct placer *p, uint32_t level, double spacing, double *total, uint32_t *lines) {
   double weight = 0;
   *lines = 0;
   for (uint32_t i = 0; i < p->sheet->line_count; i++) {
-    if (p->sheet->lines[i].cut)
+    if (!has_line(p, i, level))
       continue;
     uint32_t n = p->along_count[i] + line_gain(p, i, spacing);
     *lines += n;
     weight += n * (borders(p->sheet, &p->sheet->lines[i]) ? 0.5 : 1.0);
   }
-  double faces = p->sheet->weighted_area / (spacing * spacing * 0.86602540378443865) - weight - 0.5 * p->sheet->fixed_count;
-  *total = p->sheet->fixed_count + *lines + fmax(0, faces);
+  double faces = p->sheet->weighted_area / (spacing * spacing * 0.86602540378443865) - weight - 0.5 * p->fixed[level];
+  *total = p->fixed[level] + *lines + fmax(0, faces);
 }
 
 static enum lod_status space_level(struct placer *p, uint32_t level) {
   double low = sqrt(p->sheet->weighted_area) * 1e-6, high = sqrt(p->sheet->weighted_area) * 4 + 1e-300;
   for (uint32_t i = 0; i < p->sheet->line_count; i++)
     high = fmax(high, 2 * p->sheet->lines[i].length);
-  if (level > 0)
-    high = p->spacing[level - 1];
   double total;
   uint32_t lines;
   for (int step = 0; step < 60; step++) {
     double middle = sqrt(low * high);
-    face_share(p, middle, &total, &lines);
+    face_share(p, level, middle, &total, &lines);
     if (total > p->counts[level])
       low = middle;
     else
@@ -133,12 +136,12 @@ static enum lod_status space_level(struct placer *p, uint32_t level) {
   }
   p->spacing[level] = high;
   for (uint32_t i = 0; i < p->sheet->line_count; i++)
-    if (!p->sheet->lines[i].cut)
+    if (has_line(p, i, level))
       LOD_TRY(refine_line(p, i, high, (uint8_t)level));
   p->on_lines[level] = 0;
   for (uint32_t i = 0; i < p->sheet->line_count; i++)
-    p->on_lines[level] += p->sheet->lines[i].cut ? 0 : p->along_count[i];
-  uint32_t taken = p->on_lines[level] + p->sheet->fixed_count, before = level > 0 ? p->on_faces[level - 1] : 0;
+    p->on_lines[level] += has_line(p, i, level) ? p->along_count[i] : 0;
+  uint32_t taken = p->on_lines[level] + p->fixed[level], before = level > 0 ? p->on_faces[level - 1] : 0;
   p->on_faces[level] = p->counts[level] > taken + before ? p->counts[level] - taken : before;
   return LOD_OK;
 }
@@ -176,7 +179,7 @@ static enum lod_status add_fixed(struct placer *p, struct cloud *cloud, struct s
   const struct sheet *sheet = p->sheet;
   uint32_t corners = 0, lines = 0;
   for (uint32_t v = 0; v < sheet->vertex_count; v++)
-    corners += sheet->fixed[v];
+    corners += sheet->birth[v] != SHEET_NEVER;
   for (uint32_t i = 0; i < sheet->line_count; i++)
     lines += p->along_count[i];
   RETILE_TRY_NEW(sites->items, p->arena, (size_t)lines + faces);
@@ -187,12 +190,12 @@ static enum lod_status add_fixed(struct placer *p, struct cloud *cloud, struct s
   for (uint32_t f = 0; f < sheet->face_count; f++)
     for (uint32_t k = 0; k < 3 && sheet->faces[f][0] != LOD_NONE; k++) {
       uint32_t v = sheet->faces[f][k];
-      if (!sheet->fixed[v] || seen[v])
+      if (sheet->birth[v] == SHEET_NEVER || seen[v])
         continue;
       struct lod_retile_point at = {f, {k == 0 ? LOD_RETILE_ONE : 0, k == 1 ? LOD_RETILE_ONE : 0, k == 2 ? LOD_RETILE_ONE : 0}};
       seen[v] = true;
       cloud_place(sheet, &at, &cloud->points[cloud->fixed]);
-      cloud->birth[cloud->fixed++] = 0;
+      cloud->birth[cloud->fixed++] = sheet->birth[v];
     }
   for (uint32_t i = 0; i < sheet->line_count; i++)
     for (uint32_t k = 0; k < p->along_count[i] && !sheet->lines[i].cut; k++) {
@@ -266,9 +269,12 @@ static enum lod_status relax(struct placer *p, struct cloud *cloud) {
 }
 
 static enum lod_status place(struct placer *p, const struct lod_progress *progress, struct sites *sites) {
-  LOD_TRY(start_lines(p));
-  for (uint32_t level = 0; level < p->level_count; level++)
+  RETILE_TRY_NEW_ZERO(p->along_count, p->scratch, p->sheet->line_count);
+  RETILE_TRY_NEW_ZERO(p->of_line, p->scratch, p->sheet->line_count);
+  for (uint32_t level = 0; level < p->level_count; level++) {
+    LOD_TRY(start_lines(p, level));
     LOD_TRY(space_level(p, level));
+  }
   bool turk = p->settings->placement == LOD_RETILE_TURK;
   uint32_t most = p->sheet->area > 0 ? p->on_faces[p->level_count - 1] : 0, drawn = turk ? most : most * (most > 100000 ? 3 : 4);
   struct cloud cloud = {0};

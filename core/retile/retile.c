@@ -119,6 +119,7 @@ static enum lod_status build_levels(struct tiling *tiling, const struct lod_reti
     lod_progress_report(progress, "retile", 1 - 0.6 * (k + 1) / retile->level_count);
     if (lod_progress_cancelled(progress))
       return LOD_CANCELLED;
+    tiling_descend(tiling, k);
     LOD_TRY(remove_vertices(tiling, too_fine, k, scratch, &left));
     improve_flips(tiling, settings->flips);
     if (left != 0) { /* flips may have made room */
@@ -134,17 +135,6 @@ static enum lod_status build_levels(struct tiling *tiling, const struct lod_reti
   return LOD_OK;
 }
 
-static double mesh_area(const struct lod_mesh *mesh) {
-  double area = 0;
-  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-    struct lod_vec3 p[3];
-    for (int i = 0; i < 3; i++)
-      p[i] = lod_vec3_from_float(mesh->positions[mesh->triangles[t][i]]);
-    area += 0.5 * lod_vec3_length(lod_vec3_cross(lod_vec3_subtract(p[1], p[0]), lod_vec3_subtract(p[2], p[0])));
-  }
-  return area;
-}
-
 static enum lod_status create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, const struct lod_progress *progress,
                               struct lod_arena *arena, struct lod_arena *scratch, struct lod_retile *retile) {
   uint32_t counts[LOD_RETILE_MAX_LEVELS];
@@ -153,8 +143,7 @@ static enum lod_status create(const struct lod_mesh *mesh, const struct lod_reti
   struct sheet sheet;
   struct sites sites;
   struct tiling tiling;
-  double scale = sqrt(mesh_area(mesh) / fmax(1, counts[0]));
-  LOD_TRY(sheet_create(mesh, settings, scale, scratch, &sheet));
+  LOD_TRY(sheet_create(mesh, settings, counts, retile->level_count, scratch, &sheet));
   LOD_TRY(place_sites(&sheet, settings, counts, retile->level_count, progress, scratch, &sites));
   lod_progress_report(progress, "tessellate", 0.35);
   LOD_TRY(tiling_create(&sheet, &sites, scratch, &tiling));
@@ -188,7 +177,7 @@ static enum lod_status tessellate(const struct lod_mesh *mesh, const struct lod_
   struct sites sites = {.count = point_count};
   struct tiling tiling;
   settings.curvature = LOD_RETILE_CURVATURE_NONE;
-  LOD_TRY(sheet_create(mesh, &settings, 0, scratch, &sheet));
+  LOD_TRY(sheet_create(mesh, &settings, &(uint32_t){point_count}, 1, scratch, &sheet));
   RETILE_TRY_NEW(sites.items, scratch, point_count);
   for (uint32_t i = 0; i < point_count; i++) {
     struct lod_retile_point p = points[i];

@@ -8,7 +8,7 @@
 #include "core/mesh/feature.h"
 #include "core/retile/internal.h"
 
-/* A crease shorter than this share of the coarsest spacing, with one end loose or all by itself, is noise. */
+/* A crease shorter than this many times the finest spacing, with one end loose or all by itself, is noise. */
 static const double kLooseCrease = 1.0, kLoneCrease = 4.0;
 
 /* Feature edges by mesh vertex. */
@@ -139,6 +139,12 @@ static enum lod_status find_corners(struct web *web, double corner_degrees, doub
     if (uses > 2 || (uses == 2 && adjacency->twin[adjacency->edge_half_edges[begin]] == LOD_NONE))
       web->corner[web->ends[e][0]] = web->corner[web->ends[e][1]] = true;
   }
+  for (uint32_t h = 0; h < 3 * web->mesh->triangle_count; h++) { /* two triangles with three common corners */
+    uint32_t twin = adjacency->twin[h], next = adjacency->twin[lod_half_edge_next(h)];
+    if (twin != LOD_NONE && next != LOD_NONE && twin / 3 == next / 3)
+      for (int k = 0; k < 3; k++)
+        web->corner[web->mesh->triangles[h / 3][k]] = true;
+  }
   for (uint32_t f = 1; f < adjacency->fan_count; f++)
     if (adjacency->fan_vertex[f] == adjacency->fan_vertex[f - 1])
       web->corner[adjacency->fan_vertex[f]] = true;
@@ -180,11 +186,16 @@ static void string_line(struct sheet *sheet, const struct web *web, uint32_t v, 
   uint32_t start = v;
   line->begin = *step_count;
   line->length = 0;
+  line->crease = true;
   for (;;) {
     uint32_t h = web->adjacency->edge_half_edges[web->adjacency->edge_begin[e]];
     uint32_t uses = web->adjacency->edge_begin[e + 1] - web->adjacency->edge_begin[e];
     used[e] = true;
-    line->cut = uses > 2 || (uses == 2 && web->adjacency->twin[h] == LOD_NONE);
+    uint32_t twin = web->adjacency->twin[h], next = web->adjacency->twin[lod_half_edge_next(h)],
+             previous = web->adjacency->twin[lod_half_edge_previous(h)];
+    bool pillow = twin != LOD_NONE && ((next != LOD_NONE && next / 3 == twin / 3) || (previous != LOD_NONE && previous / 3 == twin / 3));
+    line->crease = line->crease && web->flags[e] == LOD_FEATURE_CREASE;
+    line->cut = pillow || uses > 2 || (uses == 2 && web->adjacency->twin[h] == LOD_NONE);
     sheet->steps[(*step_count)++] = (struct sheet_step){h, lod_half_edge_start(web->mesh, h) != v};
     v = other_end(web, e, v);
     if (v == start || web->corner[v])
@@ -211,9 +222,131 @@ static enum lod_status string_lines(struct sheet *sheet, const struct web *web, 
   return LOD_OK;
 }
 
+/* A crease on its way into the levels. */
+struct crease {
+  uint32_t line;
+  double length, weight; /* in units of the spacing field; weight: length times (1 - cos) of how much it bends */
+};
+
+static int heavier_first(const void *a, const void *b) {
+  const struct crease *x = a, *y = b;
+  if (x->weight != y->weight)
+    return x->weight > y->weight ? -1 : 1;
+  return x->line < y->line ? -1 : x->line > y->line;
+}
+
+static uint32_t line_end(const struct sheet *sheet, const struct sheet_line *line, bool last) {
+  const struct sheet_step *step = &sheet->steps[last ? line->end - 1 : line->begin];
+  return sheet->mesh->triangles[step->half_edge / 3][(step->half_edge + (step->reversed != last)) % 3];
+}
+
+/* Points that a line takes at a spacing, its ends not counted. */
+static double line_cost(const struct sheet_line *line, double length, double spacing) {
+  return fmax(line->closed ? 3 : 0, floor(length / spacing + 0.5) - 1);
+}
+
+/* Creases are lines from the level on whose vertices can afford them: no level spends more than this share on lines, or this number. */
+static const double kLineShare = 0.5, kLineNumber = 32;
+/* A crease is worth a line when it bends by a right angle over this share of the spacing. */
+static const double kLeastCrease = 0.1;
+
+static enum lod_status choose_lines(struct sheet *sheet, const struct web *web, const uint32_t *counts, uint32_t level_count,
+                                    struct lod_arena *scratch) {
+  struct crease *creases;
+  bool *corner_taken;
+  uint32_t crease_count = 0;
+  double must = 0;
+  RETILE_TRY_NEW(creases, scratch, sheet->line_count);
+  RETILE_TRY_NEW_ZERO(corner_taken, scratch, web->mesh->vertex_count);
+  for (uint32_t i = 0; i < sheet->line_count; i++) {
+    struct sheet_line *line = &sheet->lines[i];
+    struct crease c = {.line = i};
+    for (uint32_t s = line->begin; s < line->end; s++) {
+      uint32_t h = sheet->steps[s].half_edge, twin = sheet->twin[h];
+      double length = sheet_step_length(sheet, &sheet->steps[s]);
+      c.length += length;
+      c.weight += twin == LOD_NONE ? 0 : length * (1 - lod_vec3_dot(sheet->normals[h / 3], sheet->normals[twin / 3]));
+    }
+    line->length = c.length;
+    line->birth = line->crease && !line->cut ? SHEET_NEVER : 0;
+    if (line->birth == SHEET_NEVER)
+      creases[crease_count++] = c;
+    for (int k = 0; k < 2 && line->birth == 0 && !line->closed; k++) {
+      bool *taken = &corner_taken[line_end(sheet, line, k != 0)];
+      must += !*taken;
+      *taken = true;
+    }
+  }
+  qsort(creases, crease_count, sizeof *creases, heavier_first);
+  for (uint32_t level = 0; level < level_count; level++) {
+    double spacing = sqrt(1.1547005383792517 * sheet->weighted_area / fmax(1, counts[level])), spent = must;
+    for (uint32_t i = 0; i < sheet->line_count; i++)
+      if (sheet->lines[i].birth <= level)
+        spent += line_cost(&sheet->lines[i], sheet->lines[i].length, spacing);
+    for (uint32_t i = 0; i < crease_count; i++) {
+      struct sheet_line *line = &sheet->lines[creases[i].line];
+      if (line->birth != SHEET_NEVER || creases[i].weight < kLeastCrease * spacing)
+        continue;
+      uint32_t ends[2] = {line_end(sheet, line, false), line_end(sheet, line, true)};
+      uint32_t fresh = line->closed ? 0 : !corner_taken[ends[0]] + (ends[0] != ends[1] && !corner_taken[ends[1]]);
+      double cost = line_cost(line, line->length, spacing) + fresh;
+      if (spent + cost > fmin(counts[level], fmax(kLineNumber, kLineShare * counts[level])))
+        continue;
+      spent += cost;
+      must += fresh;
+      line->birth = (uint8_t)level;
+      if (!line->closed)
+        corner_taken[ends[0]] = corner_taken[ends[1]] = true;
+    }
+  }
+  return LOD_OK;
+}
+
+/* Marks of half-edges and births of corners from the chosen lines. */
+static enum lod_status mark_lines(struct sheet *sheet, const struct web *web, struct lod_arena *scratch) {
+  const struct lod_adjacency *adjacency = web->adjacency;
+  uint8_t *edge_birth, *vertex_birth;
+  RETILE_TRY_NEW(edge_birth, scratch, adjacency->edge_count);
+  RETILE_TRY_NEW(vertex_birth, scratch, web->mesh->vertex_count);
+  memset(edge_birth, SHEET_NEVER, adjacency->edge_count);
+  memset(vertex_birth, SHEET_NEVER, web->mesh->vertex_count);
+  bool *on_line;
+  RETILE_TRY_NEW_ZERO(on_line, scratch, web->mesh->vertex_count);
+  for (uint32_t i = 0; i < sheet->line_count; i++) {
+    const struct sheet_line *line = &sheet->lines[i];
+    for (uint32_t s = line->begin; s < line->end && line->birth != SHEET_NEVER; s++) {
+      uint32_t h = sheet->steps[s].half_edge;
+      edge_birth[adjacency->edge_of[h]] = line->birth;
+      on_line[lod_half_edge_start(web->mesh, h)] = on_line[lod_half_edge_end(web->mesh, h)] = true;
+    }
+    for (int k = 0; k < 2 && !line->closed; k++) {
+      uint8_t *birth = &vertex_birth[line_end(sheet, line, k != 0)];
+      *birth = line->birth < *birth ? line->birth : *birth;
+    }
+  }
+  for (uint32_t e = 0; e < adjacency->edge_count; e++) { /* cuts */
+    uint32_t begin = adjacency->edge_begin[e], uses = adjacency->edge_begin[e + 1] - begin;
+    if (uses > 2 || (uses == 2 && adjacency->twin[adjacency->edge_half_edges[begin]] == LOD_NONE))
+      vertex_birth[web->ends[e][0]] = vertex_birth[web->ends[e][1]] = 0;
+  }
+  for (uint32_t f = 1; f < adjacency->fan_count; f++)
+    if (adjacency->fan_vertex[f] == adjacency->fan_vertex[f - 1])
+      vertex_birth[adjacency->fan_vertex[f]] = 0;
+  for (uint32_t h = 0; h < 3 * web->mesh->triangle_count; h++) {
+    uint8_t birth = adjacency->edge_of[h] == LOD_NONE ? SHEET_NEVER : sheet->twin[h] == LOD_NONE ? 0 : edge_birth[adjacency->edge_of[h]];
+    sheet->marks[h] = birth == SHEET_NEVER ? 0 : (uint8_t)(1 + birth);
+  }
+  for (uint32_t f = 0; f < sheet->vertex_count; f++) {
+    sheet->birth[f] = vertex_birth[sheet->origin[f]];
+    sheet->on_line[f] = on_line[sheet->origin[f]] || sheet->birth[f] != SHEET_NEVER;
+  }
+  return LOD_OK;
+}
+
 static enum lod_status find_features(struct sheet *sheet, const struct lod_adjacency *adjacency, const struct lod_retile_settings *settings,
-                                     double scale, struct lod_arena *arena, struct lod_arena *scratch) {
+                                     const uint32_t *counts, uint32_t level_count, struct lod_arena *arena, struct lod_arena *scratch) {
   const struct lod_mesh *mesh = sheet->mesh;
+  double finest = sqrt(sheet->area / fmax(1, counts[level_count - 1])), coarsest = sqrt(sheet->area / fmax(1, counts[0]));
   struct lod_feature_settings wanted = lod_feature_defaults();
   struct lod_features features;
   wanted.crease_degrees = settings->crease_degrees;
@@ -229,22 +362,14 @@ static enum lod_status find_features(struct sheet *sheet, const struct lod_adjac
     web.ends[e][0] = lod_half_edge_start(mesh, h);
     web.ends[e][1] = lod_half_edge_end(mesh, h);
   }
-  LOD_TRY(drop_lone_creases(&web, kLoneCrease * scale, scratch));
+  LOD_TRY(drop_lone_creases(&web, kLoneCrease * finest, scratch));
   list_edges(&web);
-  drop_loose_creases(&web, kLooseCrease * scale);
-  drop_loose_creases(&web, kLooseCrease * scale);
-  LOD_TRY(find_corners(&web, settings->corner_degrees, 0.25 * scale, scratch));
-  for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++)
-    sheet->marks[h] =
-        adjacency->edge_of[h] == LOD_NONE ? 0 : web.flags[adjacency->edge_of[h]] | (sheet->twin[h] == LOD_NONE ? LOD_FEATURE_BOUNDARY : 0);
-  for (uint32_t f = 0; f < sheet->vertex_count; f++) {
-    uint32_t v = sheet->origin[f];
-    sheet->fixed[f] = web.corner[v];
-    sheet->on_line[f] = degree(&web, v) != 0;
-    if (web.corner[v] && (f == 0 || sheet->origin[f - 1] != v))
-      sheet->fixed_count++;
-  }
-  return string_lines(sheet, &web, arena, scratch);
+  drop_loose_creases(&web, kLooseCrease * finest);
+  drop_loose_creases(&web, kLooseCrease * finest);
+  LOD_TRY(find_corners(&web, settings->corner_degrees, 0.25 * coarsest, scratch));
+  LOD_TRY(string_lines(sheet, &web, arena, scratch));
+  LOD_TRY(choose_lines(sheet, &web, counts, level_count, scratch));
+  return mark_lines(sheet, &web, scratch);
 }
 
 static enum lod_status measure_faces(struct sheet *sheet, struct lod_arena *arena) {
@@ -323,8 +448,8 @@ static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_ret
   return LOD_OK;
 }
 
-static enum lod_status create(struct sheet *sheet, const struct lod_retile_settings *settings, double scale, struct lod_arena *arena,
-                              struct lod_arena *scratch) {
+static enum lod_status create(struct sheet *sheet, const struct lod_retile_settings *settings, const uint32_t *counts, uint32_t level_count,
+                              struct lod_arena *arena, struct lod_arena *scratch) {
   const struct lod_mesh *mesh = sheet->mesh;
   struct lod_adjacency *adjacency;
   RETILE_TRY_NEW(adjacency, arena, 1);
@@ -334,7 +459,7 @@ static enum lod_status create(struct sheet *sheet, const struct lod_retile_setti
   sheet->origin = adjacency->fan_vertex;
   sheet->twin = adjacency->twin;
   RETILE_TRY_NEW(sheet->copies, arena, sheet->vertex_count);
-  RETILE_TRY_NEW_ZERO(sheet->fixed, arena, sheet->vertex_count);
+  RETILE_TRY_NEW_ZERO(sheet->birth, arena, sheet->vertex_count);
   RETILE_TRY_NEW_ZERO(sheet->on_line, arena, sheet->vertex_count);
   RETILE_TRY_NEW(sheet->positions, arena, sheet->vertex_count);
   RETILE_TRY_NEW(sheet->faces, arena, sheet->face_count);
@@ -350,7 +475,7 @@ static enum lod_status create(struct sheet *sheet, const struct lod_retile_setti
     for (int k = 0; k < 3; k++)
       sheet->faces[t][k] = adjacency->fan_of[3 * (size_t)t + (size_t)k];
   LOD_TRY(measure_faces(sheet, arena));
-  LOD_TRY(measure_spacing(sheet, settings, scale, arena, scratch));
+  LOD_TRY(measure_spacing(sheet, settings, sqrt(sheet->area / fmax(1, counts[0])), arena, scratch));
   for (uint32_t t = 0; t < sheet->face_count; t++)
     if (sheet->faces[t][0] != LOD_NONE) {
       double s = 0;
@@ -358,20 +483,16 @@ static enum lod_status create(struct sheet *sheet, const struct lod_retile_setti
         s += sheet->spacing[sheet->faces[t][k]] / 3;
       sheet->weighted_area += sheet->areas[t] / (s * s);
     }
-  LOD_TRY(find_features(sheet, adjacency, settings, scale, arena, scratch));
-  for (uint32_t i = 0; i < sheet->line_count; i++)
-    for (uint32_t s = sheet->lines[i].begin; s < sheet->lines[i].end; s++)
-      sheet->lines[i].length += sheet_step_length(sheet, &sheet->steps[s]);
-  return LOD_OK;
+  return find_features(sheet, adjacency, settings, counts, level_count, arena, scratch);
 }
 
-enum lod_status sheet_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, double scale, struct lod_arena *arena,
-                             struct sheet *sheet) {
+enum lod_status sheet_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, const uint32_t *counts,
+                             uint32_t level_count, struct lod_arena *arena, struct sheet *sheet) {
   *sheet = (struct sheet){.mesh = mesh};
   struct lod_arena *scratch = lod_arena_create_child(arena);
   if (scratch == NULL)
     return LOD_MEMORY;
-  enum lod_status status = create(sheet, settings, scale, arena, scratch);
+  enum lod_status status = create(sheet, settings, counts, level_count, arena, scratch);
   lod_arena_destroy(scratch);
   return status;
 }

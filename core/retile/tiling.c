@@ -16,6 +16,14 @@ void tiling_link(struct tiling *tiling, uint32_t a, uint32_t b) {
     tiling->twin[b] = a;
 }
 
+void tiling_descend(struct tiling *tiling, uint32_t level) {
+  for (uint32_t h = 0; h < 3 * tiling->face_count; h++)
+    if (tiling->marks[h] > 1 + level)
+      tiling->marks[h] = 0;
+  for (uint32_t v = 0; v < tiling->sheet->vertex_count; v++)
+    tiling->fixed[v] = tiling->fixed[v] && tiling->birth[v] <= level && tiling->sheet->birth[v] <= level;
+}
+
 static uint32_t start_of(const struct tiling *t, uint32_t h) {
   return t->faces[h / 3][h % 3];
 }
@@ -346,12 +354,13 @@ static void copy_sheet(struct tiling *t, const struct sheet *sheet) {
   memcpy(t->positions, sheet->positions, sheet->vertex_count * sizeof *t->positions);
   memcpy(t->normals, sheet->vertex_normals, sheet->vertex_count * sizeof *t->normals);
   memcpy(t->copies, sheet->copies, sheet->vertex_count * sizeof *t->copies);
-  memcpy(t->fixed, sheet->fixed, sheet->vertex_count * sizeof *t->fixed);
   memcpy(t->faces, sheet->faces, sheet->face_count * sizeof *t->faces);
   memcpy(t->twin, sheet->twin, 3 * (size_t)sheet->face_count * sizeof *t->twin);
   memcpy(t->marks, sheet->marks, 3 * (size_t)sheet->face_count * sizeof *t->marks);
-  for (uint32_t v = 0; v < sheet->vertex_count; v++)
-    t->birth[v] = sheet->fixed[v] ? 0 : TILING_OLD;
+  for (uint32_t v = 0; v < sheet->vertex_count; v++) {
+    t->fixed[v] = sheet->birth[v] != SHEET_NEVER;
+    t->birth[v] = t->fixed[v] ? sheet->birth[v] : TILING_OLD;
+  }
   for (uint32_t f = 0; f < sheet->face_count; f++) {
     t->region[f] = f;
     t->flat_head[f] = LOD_NONE;
