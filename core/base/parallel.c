@@ -56,3 +56,18 @@ void lod_progress_report(const struct lod_progress *progress, const char *stage,
 bool lod_progress_cancelled(const struct lod_progress *progress) {
   return progress != NULL && progress->cancelled != NULL && progress->cancelled(progress->context);
 }
+
+static void report_step(void *context, const char *stage, double fraction) {
+  const struct lod_progress_span *span = context;
+  if (span->end > span->begin)
+    lod_progress_report(span->whole, stage, span->begin + (span->end - span->begin) * fraction);
+}
+
+static bool step_cancelled(void *context) {
+  const struct lod_progress_span *span = context;
+  return lod_progress_cancelled(span->whole);
+}
+
+void lod_progress_span_init(struct lod_progress_span *span, const struct lod_progress *whole, double begin, double end) {
+  *span = (struct lod_progress_span){.step = {report_step, step_cancelled, span}, .whole = whole, .begin = begin, .end = end};
+}

@@ -29,4 +29,13 @@ struct lod_progress {
 void lod_progress_report(const struct lod_progress *progress, const char *stage, double fraction);
 bool lod_progress_cancelled(const struct lod_progress *progress);
 
+/* A step of something longer: what it reports as 0 to 1 becomes `begin` to `end` of the whole, and it is cancelled with the whole. Pass
+ * `step` on; the span must stay where it is while that is in use. end <= begin: only cancels, reports nothing. */
+struct lod_progress_span {
+  struct lod_progress step;
+  const struct lod_progress *whole; /* not owned; may be NULL */
+  double begin, end;
+};
+void lod_progress_span_init(struct lod_progress_span *span, const struct lod_progress *whole, double begin, double end);
+
 #endif

@@ -21,6 +21,9 @@
 static const double kSourcePrecision[] = {1e-5, 1e-4};
 enum { SOURCE_LEVELS = sizeof kSourcePrecision / sizeof kSourcePrecision[0] };
 
+/* Of the progress bar: when the model is imported, and when all families are; of a family's share, when its levels are built. */
+static const double kImported = 0.1, kWritten = 0.95, kBuilt = 0.4;
+
 /* A family with the settings that a request asks of it, made in `arena`; settings NULL: the levels of the source itself meet the request.
  */
 struct recipe {
@@ -123,6 +126,7 @@ struct bake {
   struct lod_model model;
   struct lod_source_facts source;
   struct lod_level_baker baker;
+  struct lod_progress_span silent;
   char (*image_objects)[LOD_HASH_HEX + 1];
   const struct recipe *recipes[RECIPE_COUNT];
   struct lod_baked_family families[RECIPE_COUNT];
@@ -207,7 +211,8 @@ static enum lod_status choose_families(struct bake *bake) {
 
 static enum lod_status import(struct bake *bake) {
   const struct lod_bake_request *request = bake->request;
-  lod_progress_report(request->progress, "import", 0);
+  struct lod_progress_span span;
+  lod_progress_span_init(&span, request->progress, 0, kImported);
   struct lod_import_request import = {
       .name = request->name,
       .format = request->format,
@@ -215,7 +220,7 @@ static enum lod_status import(struct bake *bake) {
       .size = request->size,
       .files = request->files,
       .limits = &request->limits,
-      .progress = request->progress,
+      .progress = &span.step,
       .threads = request->threads,
   };
   LOD_TRY(lod_import_model(&import, bake->arena, &bake->model, bake->problem));
@@ -257,7 +262,8 @@ static enum lod_status prepare_baker(struct bake *bake) {
   baker->model = &bake->model;
   baker->diagonal = lod_bounds_diagonal(&bake->source.bounds);
   baker->threads = bake->request->threads;
-  baker->progress = bake->request->progress;
+  lod_progress_span_init(&bake->silent, bake->request->progress, 0, 0); /* levels that are made side by side have no bar of their own */
+  baker->progress = &bake->silent.step;
   baker->source_bvhs = LOD_NEW(bake->arena, bake->model.unit_count, struct lod_bvh *);
   if (baker->source_bvhs == NULL)
     return lod_fail_memory(bake->problem);
@@ -287,8 +293,9 @@ struct family_job {
   struct pending *pending;
   uint32_t pending_count;
   pthread_mutex_t lock;
-  double work, done, waiting; /* triangles: of all levels, of those baked, of those pending */
-  double begin, end;          /* share of the progress bar */
+  double waiting, done;                 /* triangles: of the levels that are pending, of those among them that are baked */
+  struct lod_progress_span build;       /* what the family itself does, */
+  struct lod_progress_span bake_levels; /* and what is done with its levels when it has ended */
 };
 
 static uint64_t level_triangles(const struct bake *bake, const struct lod_level *level) {
@@ -329,7 +336,6 @@ static enum lod_status add_pending(struct family_job *job, const struct lod_leve
   pending->level.images = copy_maps(bake, level->images, true, pending->arena, &ok);
   pending->level.nearby = copy_maps(bake, level->nearby, false, pending->arena, &ok);
   pending->level.parents = NULL;
-  job->work += (double)level_triangles(bake, level);
   job->waiting += (double)level_triangles(bake, level);
   return ok ? LOD_OK : lod_fail_memory(bake->problem);
 }
@@ -348,7 +354,7 @@ static void bake_chunk(void *context, size_t begin, size_t end, size_t chunk) {
     pending->status = lod_level_bake(&baker, &pending->level, pending->position_error, pending->arena, pending->baked, &pending->problem);
     pthread_mutex_lock(&job->lock);
     job->done += (double)level_triangles(job->bake, &pending->level);
-    lod_progress_report(job->bake->request->progress, "levels", job->begin + (job->end - job->begin) * job->done / fmax(1, job->work));
+    lod_progress_report(&job->bake_levels.step, "certify", job->done / fmax(1, job->waiting));
     pthread_mutex_unlock(&job->lock);
   }
 }
@@ -376,7 +382,7 @@ static enum lod_status bake_pending(struct family_job *job) {
   }
   family->level_count += job->pending_count;
   job->pending_count = 0;
-  job->waiting = 0;
+  job->waiting = job->done = 0;
   return status;
 }
 
@@ -426,8 +432,8 @@ static enum lod_status gather_levels(struct bake *bake, uint32_t index, struct f
   }
   if (settings == NULL)
     return LOD_OK;
-  return family->family->build(bake->model.units, bake->model.unit_count, settings, bake->request->progress, bake->arena, receive_level,
-                               job, bake->problem);
+  return family->family->build(bake->model.units, bake->model.unit_count, settings, &job->build.step, bake->arena, receive_level, job,
+                               bake->problem);
 }
 
 static bool is_source_level(const struct bake *bake, const struct lod_baked_level *level) {
@@ -459,15 +465,16 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
       .bake = bake,
       .family = family,
       .lock = PTHREAD_MUTEX_INITIALIZER,
-      .begin = 0.1 + 0.85 * index / bake->family_count,
-      .end = 0.1 + 0.85 * (index + 1) / bake->family_count,
   };
+  double share = (kWritten - kImported) / bake->family_count, begin = kImported + share * index;
+  lod_progress_span_init(&job.build, bake->request->progress, begin, begin + kBuilt * share);
   family->levels = LOD_NEW_ZERO(bake->arena, MAX_LEVELS + SOURCE_LEVELS, struct lod_baked_level);
   job.pending = LOD_NEW_ZERO(bake->arena, MAX_LEVELS, struct pending);
   if (family->levels == NULL || job.pending == NULL)
     return lod_fail_memory(bake->problem);
-  lod_progress_report(bake->request->progress, family->family->name, job.begin);
+  lod_progress_report(&job.build.step, family->family->name, 0);
   enum lod_status status = gather_levels(bake, index, &job);
+  lod_progress_span_init(&job.bake_levels, bake->request->progress, begin + kBuilt * share, begin + share);
   if (status == LOD_OK)
     status = bake_pending(&job);
   else
@@ -493,7 +500,7 @@ static enum lod_status run(struct bake *bake, double started) {
   LOD_TRY(write_images(bake));
   for (uint32_t i = 0; i < bake->family_count; i++)
     LOD_TRY(build_family(bake, i));
-  lod_progress_report(bake->request->progress, "write", 0.95);
+  lod_progress_report(bake->request->progress, "write", kWritten);
   struct lod_manifest_facts facts = {
       .request = bake->request,
       .model = &bake->model,

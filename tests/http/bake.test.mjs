@@ -65,6 +65,20 @@ test('sphere becomes levels that fit what is asked for', async () => {
   assert.ok(Number(near.headers['lod-screen-error']) <= 1 || near.headers['lod-level'] === String(levels.length - 1));
 });
 
+test('progress of a bake only grows, and is not full before it is done', async () => {
+  const file = path.join(daemon.directory, 'upload');
+  fs.writeFileSync(file, sphere(100, 300).text);
+  const { headers } = await daemon.curl('/v1/models/slow', ['-T', file]);
+  const events = await daemon.curl(`${headers.location}/events`, ['-N']);
+  const seen = String(events.body).split('\n').filter((line) => line.startsWith('data: ')).map((line) => JSON.parse(line.slice(6)));
+  assert.equal(seen.at(-1).state, 'done');
+  assert.ok(new Set(seen.map((job) => job.stage)).size >= 4, JSON.stringify(seen));
+  seen.forEach((job, i) => {
+    assert.ok(i === 0 || job.progress >= seen[i - 1].progress, `${JSON.stringify(seen[i - 1])} then ${JSON.stringify(job)}`);
+    assert.ok(job.stage === 'done' || job.progress < 1, JSON.stringify(job));
+  });
+});
+
 test('what is no model fails with a problem that says so, and nothing is left', async () => {
   for (const [id, bytes] of [['noise', Buffer.from('not a model at all')], ['cut', Buffer.from(sphere(10, 10).text.slice(0, 700))]]) {
     const job = await put(id, bytes, '?name=x.ply');

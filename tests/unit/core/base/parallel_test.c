@@ -79,11 +79,34 @@ static void progress_reaches_who_listens_and_nobody_need_listen(void **state) {
   assert_false(lod_progress_cancelled(NULL) || lod_progress_cancelled(&deaf));
 }
 
+static void step_fills_its_share_of_the_bar_and_stops_with_the_whole(void **state) {
+  (void)state;
+  struct listener listener = {0};
+  struct lod_progress whole = {.report = hear, .cancelled = asked_to_stop, .context = &listener};
+  struct lod_progress_span second_half, its_first_half, silent;
+  lod_progress_span_init(&second_half, &whole, 0.5, 1);
+  lod_progress_span_init(&its_first_half, &second_half.step, 0, 0.5);
+  lod_progress_span_init(&silent, &whole, 0, 0);
+  lod_progress_report(&second_half.step, "weld", 0);
+  assert_true(listener.fraction == 0.5);
+  lod_progress_report(&its_first_half.step, "weld", 1);
+  assert_true(listener.fraction == 0.75);
+  lod_progress_report(&silent.step, "weld", 1);
+  assert_true(listener.fraction == 0.75);
+  assert_false(lod_progress_cancelled(&its_first_half.step) || lod_progress_cancelled(&silent.step));
+  listener.stop = true;
+  assert_true(lod_progress_cancelled(&its_first_half.step) && lod_progress_cancelled(&silent.step));
+  lod_progress_span_init(&second_half, NULL, 0.5, 1);
+  lod_progress_report(&second_half.step, "weld", 1);
+  assert_false(lod_progress_cancelled(&second_half.step));
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(every_index_is_visited_once_and_sums_do_not_depend_on_threads),
       cmocka_unit_test(chunks_round_up),
       cmocka_unit_test(progress_reaches_who_listens_and_nobody_need_listen),
+      cmocka_unit_test(step_fills_its_share_of_the_bar_and_stops_with_the_whole),
   };
   return cmocka_run_group_tests_name("core/base/parallel", tests, NULL, NULL);
 }
