@@ -29,6 +29,7 @@ static const double kImported = 0.1, kWritten = 0.95, kBuilt = 0.4;
 struct recipe {
   const struct lod_family *family;
   bool by_default;
+  bool searches; /* with errors asked for it makes more levels than those, of which keep_requested chooses */
   enum lod_status (*settings)(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena, const void **settings);
 };
 
@@ -40,9 +41,9 @@ static enum lod_status retile_settings(const struct lod_bake_request *request, d
                                        const void **settings);
 
 static const struct recipe kRecipes[] = {
-    {&lod_cluster_family, true, cluster_settings},
-    {&lod_envelope_family, false, envelope_settings}, /* takes ten times as long as clustering */
-    {&lod_retile_family, false, retile_settings},
+    {&lod_cluster_family, true, true, cluster_settings},
+    {&lod_envelope_family, false, false, envelope_settings}, /* takes ten times as long as clustering */
+    {&lod_retile_family, false, false, retile_settings},
 };
 enum { RECIPE_COUNT = sizeof kRecipes / sizeof kRecipes[0] };
 
@@ -484,7 +485,7 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
   if (index == 0)
     memcpy(bake->source_levels, family->levels, sizeof bake->source_levels);
   family->level_count = lod_levels_order(family->levels, family->level_count);
-  if (bake->request->epsilon_count != 0)
+  if (bake->request->epsilon_count != 0 && bake->recipes[index]->searches)
     keep_requested(bake, family);
   for (uint32_t i = 0; i < family->level_count; i++) {
     struct lod_baked_level *level = &family->levels[i];

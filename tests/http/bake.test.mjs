@@ -67,7 +67,7 @@ test('sphere becomes levels that fit what is asked for', async () => {
 
 test('progress of a bake only grows, and is not full before it is done', async () => {
   const file = path.join(daemon.directory, 'upload');
-  fs.writeFileSync(file, sphere(100, 300).text);
+  fs.writeFileSync(file, sphere(50, 100).text);
   const { headers } = await daemon.curl('/v1/models/slow', ['-T', file]);
   const events = await daemon.curl(`${headers.location}/events`, ['-N']);
   const seen = String(events.body).split('\n').filter((line) => line.startsWith('data: ')).map((line) => JSON.parse(line.slice(6)));
