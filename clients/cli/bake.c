@@ -25,7 +25,7 @@ static const struct cli_option kOptions[] = {
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
-    {"max-bytes", 0, "N", "Refuse files larger than this, with all that they refer to."},
+    {"max-bytes", 0, "N", "Refuse files larger than this, with all that they refer to; 0, here and below: the most that is possible."},
     {"max-vertices", 0, "N", "Refuse models with more vertices."},
     {"max-triangles", 0, "N", "Refuse models with more triangles."},
     {"max-instances", 0, "N", "Refuse models with more placed parts."},
