@@ -426,6 +426,20 @@ static enum lod_status load_model(void *context, const struct lod_catalog_model 
   return status;
 }
 
+/* A daemon that was killed may leave a worker between fork and exec, which holds the lock for that moment: it is waited for. */
+static int lock_patiently(int fd) {
+  enum { TRIES = 150 };
+  for (int i = 0; i < TRIES; i++) {
+    if (flock(fd, LOCK_EX | LOCK_NB) == 0)
+      return 0;
+    if (errno != EWOULDBLOCK && errno != EINTR)
+      return -1;
+    nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
+  }
+  errno = EWOULDBLOCK;
+  return -1;
+}
+
 static enum lod_status open_folder(struct lod_store *store, const char *directory, struct lod_problem *problem) {
   if (mkdir(directory, 0755) != 0 && errno != EEXIST)
     return lod_fail_errno(problem, "The store's directory cannot be made");
@@ -435,7 +449,7 @@ static enum lod_status open_folder(struct lod_store *store, const char *director
   store->lock_fd = openat(store->directory_fd, "lock", O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0644);
   if (store->lock_fd < 0)
     return lod_fail_errno(problem, "The store's lock cannot be made");
-  if (flock(store->lock_fd, LOCK_EX | LOCK_NB) != 0)
+  if (lock_patiently(store->lock_fd) != 0)
     return errno == EWOULDBLOCK ? lod_fail(problem, LOD_IO, "store-locked", "The store %s is in use by another process.", directory)
                                 : lod_fail_errno(problem, "The store cannot be locked");
   static const char *const kFolders[] = {"uploads", "work"};
