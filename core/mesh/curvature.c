@@ -39,6 +39,41 @@ static enum lod_status vertex_normals(const struct lod_mesh *mesh, struct lod_ar
   return LOD_OK;
 }
 
+static struct lod_vec3 face_normal(const struct lod_mesh *mesh, uint32_t t) {
+  struct lod_vec3 p = corner_position(mesh, t, 0);
+  return lod_vec3_normalize(
+      lod_vec3_cross(lod_vec3_subtract(corner_position(mesh, t, 1), p), lod_vec3_subtract(corner_position(mesh, t, 2), p)));
+}
+
+/* The normal at each corner, of the faces at its vertex that bend from its own by less than a crease. */
+static enum lod_status corner_normals(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, double crease_degrees,
+                                      struct lod_arena *arena, struct lod_vec3 **result) {
+  enum { MOST_FACES = 64 }; /* of a vertex looked at pair by pair; at a larger hub all count */
+  double least = cos(crease_degrees * (3.14159265358979323846 / 180));
+  struct lod_vec3 *faces = LOD_NEW(arena, mesh->triangle_count, struct lod_vec3);
+  struct lod_vec3 *normals = LOD_NEW_ZERO(arena, 3 * (size_t)mesh->triangle_count, struct lod_vec3);
+  if (faces == NULL || normals == NULL)
+    return LOD_MEMORY;
+  for (uint32_t t = 0; t < mesh->triangle_count; t++)
+    faces[t] = face_normal(mesh, t);
+  for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+    const uint32_t *corners = adjacency->vertex_corners + adjacency->vertex_begin[v];
+    uint32_t count = adjacency->vertex_begin[v + 1] - adjacency->vertex_begin[v];
+    struct lod_vec3 all = {0, 0, 0};
+    for (uint32_t i = 0; i < count; i++)
+      all = lod_vec3_add_scaled(all, faces[corners[i] / 3], corner_angle(mesh, corners[i] / 3, (int)(corners[i] % 3)));
+    for (uint32_t i = 0; i < count; i++) {
+      struct lod_vec3 sum = count > MOST_FACES ? all : lod_vec3_make(0, 0, 0), own = faces[corners[i] / 3];
+      for (uint32_t j = 0; j < count && count <= MOST_FACES; j++)
+        if (j == i || lod_vec3_dot(own, faces[corners[j] / 3]) >= least)
+          sum = lod_vec3_add_scaled(sum, faces[corners[j] / 3], corner_angle(mesh, corners[j] / 3, (int)(corners[j] % 3)));
+      normals[corners[i]] = lod_vec3_normalize(sum);
+    }
+  }
+  *result = normals;
+  return LOD_OK;
+}
+
 /* The symmetric tensor (e, f, g) in the face's frame whose product with each side is the change of the normal along it, by least squares;
  * false for a triangle without area. */
 static bool fit_face(const struct lod_mesh *mesh, uint32_t t, const struct lod_vec3 *normals, struct frame *frame, double tensor[3]) {
@@ -55,7 +90,7 @@ static bool fit_face(const struct lod_mesh *mesh, uint32_t t, const struct lod_v
   double a[3][4] = {{0}}; /* normal equations, right side last */
   for (int k = 0; k < 3; k++) {
     struct lod_vec3 side = lod_vec3_subtract(p[(k + 2) % 3], p[(k + 1) % 3]);
-    struct lod_vec3 change = lod_vec3_subtract(normals[mesh->triangles[t][(k + 2) % 3]], normals[mesh->triangles[t][(k + 1) % 3]]);
+    struct lod_vec3 change = lod_vec3_subtract(normals[3 * (size_t)t + (size_t)(k + 2) % 3], normals[3 * (size_t)t + (size_t)(k + 1) % 3]);
     double x = lod_vec3_dot(side, frame->u), y = lod_vec3_dot(side, frame->v);
     double cx = lod_vec3_dot(change, frame->u), cy = lod_vec3_dot(change, frame->v);
     const double rows[2][4] = {{x, y, 0, cx}, {0, x, y, cy}};
@@ -101,8 +136,10 @@ static void add_turned(const struct frame *face, const double tensor[3], const s
   sum[2] += weight * (e * vu * vu + 2 * f * vu * vv + g * vv * vv);
 }
 
-static enum lod_status by_tensor(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_arena *scratch, struct lod_curvature *c) {
-  struct lod_vec3 *normals;
+static enum lod_status by_tensor(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, double crease_degrees,
+                                 struct lod_arena *arena, struct lod_arena *scratch, struct lod_curvature *c) {
+  struct lod_vec3 *normals, *corners;
+  LOD_TRY(corner_normals(mesh, adjacency, crease_degrees, scratch, &corners));
   LOD_TRY(vertex_normals(mesh, scratch, &normals));
   double(*sums)[4] = lod_arena_calloc(scratch, mesh->vertex_count, sizeof *sums);
   c->principal = lod_arena_calloc(arena, mesh->vertex_count, sizeof *c->principal);
@@ -112,7 +149,7 @@ static enum lod_status by_tensor(const struct lod_mesh *mesh, struct lod_arena *
   for (uint32_t t = 0; t < mesh->triangle_count; t++) {
     struct frame frame;
     double tensor[3];
-    if (!fit_face(mesh, t, normals, &frame, tensor))
+    if (!fit_face(mesh, t, corners, &frame, tensor))
       continue;
     struct lod_vec3 p = corner_position(mesh, t, 0);
     double area = lod_vec3_length(
@@ -178,13 +215,14 @@ static enum lod_status by_radius(const struct lod_mesh *mesh, struct lod_arena *
   return LOD_OK;
 }
 
-enum lod_status lod_curvature_estimate(const struct lod_mesh *mesh, enum lod_curvature_method method, struct lod_arena *arena,
-                                       struct lod_curvature *curvature) {
+enum lod_status lod_curvature_estimate(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, enum lod_curvature_method method,
+                                       double crease_degrees, struct lod_arena *arena, struct lod_curvature *curvature) {
   *curvature = (struct lod_curvature){.largest = LOD_NEW_ZERO(arena, mesh->vertex_count, double)};
   struct lod_arena *scratch = lod_arena_create_child(arena);
   enum lod_status status = LOD_MEMORY;
   if (curvature->largest != NULL && scratch != NULL)
-    status = method == LOD_CURVATURE_TURK ? by_radius(mesh, scratch, curvature) : by_tensor(mesh, arena, scratch, curvature);
+    status = method == LOD_CURVATURE_TURK ? by_radius(mesh, scratch, curvature)
+                                          : by_tensor(mesh, adjacency, crease_degrees, arena, scratch, curvature);
   lod_arena_destroy(scratch);
   return status;
 }

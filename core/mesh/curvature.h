@@ -7,7 +7,7 @@
 #ifndef LOD_CORE_MESH_CURVATURE_H
 #define LOD_CORE_MESH_CURVATURE_H
 
-#include "core/mesh/mesh.h"
+#include "core/mesh/adjacency.h"
 
 enum lod_curvature_method {
   LOD_CURVATURE_TENSOR,
@@ -21,8 +21,13 @@ struct lod_curvature {
   struct lod_vec3 *directions; /* unit, of the first */
 };
 
-/* Results go to `arena`. Fails with LOD_MEMORY alone. */
-LOD_WARN_UNUSED enum lod_status lod_curvature_estimate(const struct lod_mesh *mesh, enum lod_curvature_method method,
-                                                       struct lod_arena *arena, struct lod_curvature *curvature);
+/* Results go to `arena`. Fails with LOD_MEMORY alone.
+ *
+ * adjacency: of mesh
+ * crease_degrees: faces whose normals differ by more lie on other sides of a crease and do not make a vertex curved (tensor only); 180 = no
+ *   creases */
+LOD_WARN_UNUSED enum lod_status lod_curvature_estimate(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency,
+                                                       enum lod_curvature_method method, double crease_degrees, struct lod_arena *arena,
+                                                       struct lod_curvature *curvature);
 
 #endif

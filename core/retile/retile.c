@@ -45,7 +45,10 @@ static int compare_counts(const void *a, const void *b) {
 enum lod_status retile_vertices_for(const struct lod_mesh *mesh, double error, struct lod_arena *arena, double *vertices) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct lod_curvature curvature;
-  enum lod_status status = scratch == NULL ? LOD_MEMORY : lod_curvature_estimate(mesh, LOD_CURVATURE_TENSOR, scratch, &curvature);
+  struct lod_adjacency adjacency;
+  enum lod_status status = scratch == NULL ? LOD_MEMORY : lod_adjacency_create(mesh, scratch, &adjacency);
+  if (status == LOD_OK)
+    status = lod_curvature_estimate(mesh, &adjacency, LOD_CURVATURE_TENSOR, LOD_TOLERANCE_CREASE_DEGREES, scratch, &curvature);
   *vertices = 0;
   for (uint32_t t = 0; status == LOD_OK && t < mesh->triangle_count; t++) {
     struct lod_vec3 p[3];

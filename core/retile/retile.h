@@ -92,6 +92,16 @@ LOD_WARN_UNUSED enum lod_status lod_retile_create(const struct lod_mesh *mesh, c
 LOD_WARN_UNUSED enum lod_status lod_retile_tessellate(const struct lod_mesh *mesh, const struct lod_retile_point *points,
                                                       uint32_t point_count, struct lod_arena *arena, struct lod_mesh *tessellation);
 
+/* A step from `level` to the next finer one, checked in integers. */
+struct lod_retile_map_facts {
+  bool valid;          /* every finer vertex lies on a triangle, weights add up, coarse vertices lie on themselves */
+  uint32_t inside;     /* finer triangles whose three corners lie on one coarse triangle ... */
+  uint32_t folded;     /* ... of these: turned over, or without area, when they are flattened */
+  uint32_t straddling; /* finer triangles that lie on several coarse ones */
+};
+LOD_WARN_UNUSED enum lod_status lod_retile_check_map(const struct lod_retile_level *level, const struct lod_retile_level *finer,
+                                                     struct lod_arena *arena, struct lod_retile_map_facts *facts);
+
 /* settings of its build: struct lod_retile_settings. Levels have parents, no bound. */
 extern const struct lod_family lod_retile_family;
 

@@ -247,8 +247,8 @@ static double line_cost(const struct sheet_line *line, double length, double spa
 
 /* Creases are lines from the level on whose vertices can afford them: no level spends more than this share on lines, or this number. */
 static const double kLineShare = 0.5, kLineNumber = 32;
-/* A crease is worth a line when it bends by a right angle over this share of the spacing. */
-static const double kLeastCrease = 0.1;
+/* A crease is worth a line when it bends by a right angle over this share of the spacing, and is so long. */
+static const double kLeastCrease = 0.3, kShortestCrease = 0.7;
 
 static enum lod_status choose_lines(struct sheet *sheet, const struct web *web, const uint32_t *counts, uint32_t level_count,
                                     struct lod_arena *scratch) {
@@ -285,7 +285,7 @@ static enum lod_status choose_lines(struct sheet *sheet, const struct web *web, 
         spent += line_cost(&sheet->lines[i], sheet->lines[i].length, spacing);
     for (uint32_t i = 0; i < crease_count; i++) {
       struct sheet_line *line = &sheet->lines[creases[i].line];
-      if (line->birth != SHEET_NEVER || creases[i].weight < kLeastCrease * spacing)
+      if (line->birth != SHEET_NEVER || creases[i].weight < kLeastCrease * spacing || creases[i].length < kShortestCrease * spacing)
         continue;
       uint32_t ends[2] = {line_end(sheet, line, false), line_end(sheet, line, true)};
       uint32_t fresh = line->closed ? 0 : !corner_taken[ends[0]] + (ends[0] != ends[1] && !corner_taken[ends[1]]);
@@ -407,8 +407,9 @@ static int compare_doubles(const void *a, const void *b) {
 
 /* Spacing by curvature: an edge of length l on curvature k misses the surface by l * l * k / 8, so l goes with 1 / sqrt(k). It grows by at
  * most 0.3 a unit of way, so that triangles keep their shape where it changes. */
-static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_retile_settings *settings, double scale,
-                                       struct lod_arena *arena, struct lod_arena *scratch) {
+static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_adjacency *adjacency,
+                                       const struct lod_retile_settings *settings, double scale, struct lod_arena *arena,
+                                       struct lod_arena *scratch) {
   RETILE_TRY_NEW(sheet->spacing, arena, sheet->vertex_count);
   for (uint32_t f = 0; f < sheet->vertex_count; f++)
     sheet->spacing[f] = 1;
@@ -417,7 +418,7 @@ static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_ret
   const struct lod_mesh *mesh = sheet->mesh;
   struct lod_curvature curvature;
   enum lod_curvature_method method = settings->curvature == LOD_RETILE_CURVATURE_TURK ? LOD_CURVATURE_TURK : LOD_CURVATURE_TENSOR;
-  LOD_TRY(lod_curvature_estimate(mesh, method, scratch, &curvature));
+  LOD_TRY(lod_curvature_estimate(mesh, adjacency, method, settings->crease_degrees, scratch, &curvature));
   double *sorted, *wanted;
   RETILE_TRY_NEW(sorted, scratch, mesh->vertex_count);
   RETILE_TRY_NEW(wanted, scratch, mesh->vertex_count);
@@ -475,7 +476,7 @@ static enum lod_status create(struct sheet *sheet, const struct lod_retile_setti
     for (int k = 0; k < 3; k++)
       sheet->faces[t][k] = adjacency->fan_of[3 * (size_t)t + (size_t)k];
   LOD_TRY(measure_faces(sheet, arena));
-  LOD_TRY(measure_spacing(sheet, settings, sqrt(sheet->area / fmax(1, counts[0])), arena, scratch));
+  LOD_TRY(measure_spacing(sheet, adjacency, settings, sqrt(sheet->area / fmax(1, counts[0])), arena, scratch));
   for (uint32_t t = 0; t < sheet->face_count; t++)
     if (sheet->faces[t][0] != LOD_NONE) {
       double s = 0;
