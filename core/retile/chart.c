@@ -100,8 +100,8 @@ bool chart_flip(struct tiling *tiling, uint32_t h) {
   const uint32_t(*f)[3] = (const uint32_t(*)[3])tiling->faces;
   uint32_t v[4] = {f[h / 3][h % 3], f[g / 3][g % 3], f[h / 3][(h + 2) % 3], f[g / 3][(g + 2) % 3]};
   struct chart_point at[4];
-  if (v[2] == v[3] || !unfold(tiling, v, at) || chart_orient(at[2], at[0], at[3]) <= 0 || chart_orient(at[3], at[1], at[2]) <= 0 ||
-      tiling_connected(tiling, v[2], v[3]))
+  if (tiling_same(tiling, v[2], v[3]) || !unfold(tiling, v, at) || chart_orient(at[2], at[0], at[3]) <= 0 ||
+      chart_orient(at[3], at[1], at[2]) <= 0 || tiling_connected(tiling, v[2], v[3]))
     return false;
   struct chart_point corners[3];
   for (uint32_t k = 0; k < 3; k++)

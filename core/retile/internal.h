@@ -153,7 +153,9 @@ LOD_WARN_UNUSED enum lod_status tiling_create(const struct sheet *sheet, const s
 void tiling_descend(struct tiling *tiling, uint32_t level);
 /* Half-edge from a to b, or LOD_NONE. */
 uint32_t tiling_find(const struct tiling *tiling, uint32_t a, uint32_t b);
-/* The same for any copies of a and b. */
+/* Are a and b one vertex of the mesh? */
+bool tiling_same(const struct tiling *tiling, uint32_t a, uint32_t b);
+/* Does an edge join any copies of a and b? */
 bool tiling_connected(const struct tiling *tiling, uint32_t a, uint32_t b);
 /* First half-edge of v's fan, counter-clockwise; *closed when there is no first. */
 uint32_t tiling_first(const struct tiling *tiling, uint32_t v, bool *closed);

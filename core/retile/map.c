@@ -54,16 +54,17 @@ enum lod_status lod_retile_check_map(const struct lod_retile_level *level, const
       p[k] = &level->flat[finer->mesh.triangles[t][k]];
     int weighs = p[0]->weights[0] != 0 ? 0 : p[0]->weights[1] != 0 ? 1 : 2;
     uint32_t v = level->mesh.triangles[p[0]->face][weighs];
-    bool inside = false;
-    for (uint32_t i = adjacency.vertex_begin[v]; i < adjacency.vertex_begin[v + 1] && !inside; i++) {
+    bool inside = false, upright = false; /* on one of the two triangles of a pillow it is, on the other not */
+    for (uint32_t i = adjacency.vertex_begin[v]; i < adjacency.vertex_begin[v + 1] && !upright; i++) {
       uint32_t face = adjacency.vertex_corners[i] / 3;
       int64_t w[3][3];
-      inside =
-          on_face(&level->mesh, p[0], face, w[0]) && on_face(&level->mesh, p[1], face, w[1]) && on_face(&level->mesh, p[2], face, w[2]);
-      if (inside && twice_area(w) <= 0)
-        facts->folded++;
+      if (on_face(&level->mesh, p[0], face, w[0]) && on_face(&level->mesh, p[1], face, w[1]) && on_face(&level->mesh, p[2], face, w[2])) {
+        inside = true;
+        upright = twice_area(w) > 0;
+      }
     }
     facts->inside += inside;
+    facts->folded += inside && !upright;
     facts->straddling += !inside;
   }
   lod_arena_destroy(scratch);

@@ -15,7 +15,14 @@
  * - Points and maps are integer barycentrics of 2^20: which triangle a point lies in is exact.
  *
  * Bad input: an edge of three triangles, or of two that run the same way, is cut; its vertices stay and are welded back. Triangles that
- * name a vertex twice disappear. Fewer vertices than the topology allows: the least that removal reaches is given. */
+ * name a vertex twice disappear. Fewer vertices than the topology allows: the least that removal reaches is given. *
+ * Creases are lines from the coarsest level on whose vertices can afford them; other lines in every level.
+ *
+ * Not built: fragments (Turk 1992, 6.2: finer triangles cut along coarse edges; `flat` says where their corners lie, and
+ * lod_retile_check_map how many triangles lie on one coarse triangle, and how many of these fold); P1-18 greedy triangulation and P1-22 the
+ * 14 planes as modes; P1-35 anisotropic spacing; P1-37 placement led by the measured error; P1-38 removal of small parts and handles: a
+ * part keeps at least the vertices of its topology. A vertex with more than 62 triangles, or on a narrow strip between two lines, may be
+ * retained. Points inside non-manifold cuts and along their edges are neither added nor removed. */
 #ifndef LOD_CORE_RETILE_RETILE_H
 #define LOD_CORE_RETILE_RETILE_H
 

@@ -240,9 +240,10 @@ static uint32_t line_end(const struct sheet *sheet, const struct sheet_line *lin
   return sheet->mesh->triangles[step->half_edge / 3][(step->half_edge + (step->reversed != last)) % 3];
 }
 
-/* Points that a line takes at a spacing, its ends not counted. */
+/* Points that a line takes at a spacing, its ends not counted. Rather all lines with points a little farther apart than some lines missing.
+ */
 static double line_cost(const struct sheet_line *line, double length, double spacing) {
-  return fmax(line->closed ? 3 : 0, floor(length / spacing + 0.5) - 1);
+  return fmax(line->closed ? 3 : 0, floor(length / (1.5 * spacing) + 0.5) - 1);
 }
 
 /* Creases are lines from the level on whose vertices can afford them: no level spends more than this share on lines, or this number. */

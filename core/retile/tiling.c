@@ -52,7 +52,7 @@ uint32_t tiling_find(const struct tiling *tiling, uint32_t a, uint32_t b) {
   return LOD_NONE;
 }
 
-static bool same_vertex(const struct tiling *tiling, uint32_t a, uint32_t b) {
+bool tiling_same(const struct tiling *tiling, uint32_t a, uint32_t b) {
   for (uint32_t v = tiling->copies[a]; v != a && a != b; v = tiling->copies[v])
     if (v == b)
       return true;
@@ -65,12 +65,12 @@ bool tiling_connected(const struct tiling *tiling, uint32_t a, uint32_t b) {
     bool closed;
     uint32_t begin = tiling_first(tiling, copy, &closed), h = begin, last = h;
     do {
-      if (same_vertex(tiling, start_of(tiling, retile_next(h)), b))
+      if (tiling_same(tiling, start_of(tiling, retile_next(h)), b))
         return true;
       last = retile_previous(h);
       h = tiling->twin[last];
     } while (h != LOD_NONE && h != begin);
-    if (h == LOD_NONE && same_vertex(tiling, start_of(tiling, last), b))
+    if (h == LOD_NONE && tiling_same(tiling, start_of(tiling, last), b))
       return true;
     copy = tiling->copies[copy];
   } while (copy != a);

@@ -114,9 +114,10 @@ static void bench(const char *name, const struct lod_mesh *mesh, const char *mod
       must(lod_retile_check_map(level, level + 1, scratch, &map));
     bool kept =
         topology.components == source.components && topology.boundary_loops == source.boundary_loops && topology.euler == source.euler;
-    printf("%-22.22s %-7s %7u %6u %5u | %7.3f %7.4f | %5.3f %5.3f %5.1f %4.0f%% | %s | %5u %5u | %6.2f %6.1f\n", name, mode, level->mesh.vertex_count,
-           level->mesh.triangle_count, level->retained, 100 * distance.two_sided.upper / diagonal, 100 * distance.rms / diagonal, q.mean,
-           q.percent, q.angle, 100 * q.valence6, kept ? "kept" : "LOST", map.inside, map.folded, k == 0 ? seconds : 0, k == 0 ? (double)peak / 1048576 : 0);
+    printf("%-22.22s %-7s %7u %6u %5u | %7.3f %7.4f | %5.3f %5.3f %5.1f %4.0f%% | %s | %5u %5u | %6.2f %6.1f\n", name, mode,
+           level->mesh.vertex_count, level->mesh.triangle_count, level->retained, 100 * distance.two_sided.upper / diagonal,
+           100 * distance.rms / diagonal, q.mean, q.percent, q.angle, 100 * q.valence6, kept ? "kept" : "LOST", map.inside, map.folded,
+           k == 0 ? seconds : 0, k == 0 ? (double)peak / 1048576 : 0);
     fflush(stdout);
     if (picture_folder != NULL)
       draw(name, mode, &level->mesh);
@@ -207,8 +208,8 @@ int main(int argc, char **argv) {
     paths = found;
     files += list_folder(folder, found + files, MOST - files);
   }
-  printf("%-22s %-7s %7s %6s %5s | %7s %7s | %5s %5s %5s %5s | topo | %5s %5s | %6s %6s\n", "model", "mode", "vert", "tri", "kept", "error %",
-         "rms %", "2r/R", "1 %", "angle", "val 6", "flat", "fold", "s", "MiB");
+  printf("%-22s %-7s %7s %6s %5s | %7s %7s | %5s %5s %5s %5s | topo | %5s %5s | %6s %6s\n", "model", "mode", "vert", "tri", "kept",
+         "error %", "rms %", "2r/R", "1 %", "angle", "val 6", "flat", "fold", "s", "MiB");
   for (int i = 0; i < files; i++)
     bench_file(paths[i], counts, count);
   return 0;
