@@ -15,7 +15,8 @@
  * - Points and maps are integer barycentrics of 2^20: which triangle a point lies in is exact.
  *
  * Bad input: an edge of three triangles, or of two that run the same way, is cut; its vertices stay and are welded back. Triangles that
- * name a vertex twice disappear. Fewer vertices than the topology allows: the least that removal reaches is given. *
+ * name a vertex twice disappear. Fewer vertices than the topology allows: the least that removal reaches is given.
+ *
  * Creases are lines from the coarsest level on whose vertices can afford them; other lines in every level.
  *
  * Not built: fragments (Turk 1992, 6.2: finer triangles cut along coarse edges; `flat` says where their corners lie, and
