@@ -9,7 +9,8 @@
 #include "core/base/status.h"
 
 struct lod_config {
-  char *store, *listen, *models, *token_file, *tls_cert, *tls_key, *viewer, *worker, *log, *log_level, *cors, *families; /* "" = not set */
+  char *store, *listen, *models, *token_file, *tls_cert, *tls_key, *viewer, *worker, *log, *log_level, *cors, *families,
+      *later_families; /* "" = not set */
   uint64_t loops, connections, header_seconds, idle_seconds, rate_seconds, rate_bytes, drain_seconds, cached_objects;
   uint64_t store_bytes, upload_bytes, bakes, bake_threads, bake_queue, bake_seconds, bake_memory;
   uint64_t limit_vertices, limit_triangles, limit_instances, limit_depth, limit_texture_pixels,

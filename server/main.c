@@ -69,6 +69,7 @@ static enum lod_status start_jobs(struct daemon *daemon, struct lod_problem *pro
   settings.upload_limit_bytes = config->upload_bytes;
   settings.limits_json = daemon->limits_json;
   settings.families = config->families;
+  settings.later_families = config->later_families;
   settings.log = log_line;
   settings.changed = job_changed;
   settings.context = daemon;

@@ -15,6 +15,8 @@ char *lod_job_json(const struct lod_job *job) {
                              "stage", job->stage, "progress", job->progress, "created", job->created);
   if (object && job->finished > 0)
     json_object_set_new(object, "finished", json_real(job->finished));
+  if (object && job->next != 0)
+    json_object_set_new(object, "next", json_integer((json_int_t)job->next));
   if (object && job->state == LOD_JOB_FAILED) {
     char *text = lod_problem_json(lod_status_http(&job->problem), job->problem.type, job->problem.detail, "");
     if (text)

@@ -1,7 +1,8 @@
 /* Bakes: a durable queue, one worker process a job, deadlines, and what became of each.
  *
  * A job that was acknowledged survives a restart: its upload and its row are synced before lod_jobs_submit returns, and a job that was
- * queued or running when the daemon died runs again (at most 3 times). */
+ * queued or running when the daemon died runs again (at most 3 times). A job that adds later families waits until no other does, and ends
+ * with the problem "superseded" when its model is uploaded anew. */
 #ifndef LOD_SERVER_JOBS_JOBS_H
 #define LOD_SERVER_JOBS_JOBS_H
 
@@ -12,15 +13,18 @@ struct lod_jobs;
 enum lod_job_state { LOD_JOB_QUEUED, LOD_JOB_RUNNING, LOD_JOB_DONE, LOD_JOB_FAILED };
 
 struct lod_jobs_settings {
-  struct lod_store *store;                      /* not owned */
-  const char *worker_path;                      /* the `lodestream` program */
-  uint32_t workers;                             /* bakes at once; default 1 */
-  uint32_t threads;                             /* per worker; 0 = as many as the machine has */
-  uint32_t queue_limit;                         /* waiting jobs; more are refused with LOD_LIMIT "queue-full"; default 64 */
-  uint32_t deadline_seconds;                    /* of one bake; default 600 */
-  uint64_t memory_limit_bytes;                  /* of one worker; default 8 GiB */
-  uint64_t upload_limit_bytes;                  /* default 1 GiB; checked by http while the body arrives */
-  const char *families;                         /* to bake, separated by commas; NULL or "" = the worker's default */
+  struct lod_store *store;     /* not owned */
+  const char *worker_path;     /* the `lodestream` program */
+  uint32_t workers;            /* bakes at once; default 1 */
+  uint32_t threads;            /* per worker; 0 = as many as the machine has */
+  uint32_t queue_limit;        /* waiting jobs; more are refused with LOD_LIMIT "queue-full"; default 64 */
+  uint32_t deadline_seconds;   /* of one bake; default 600 */
+  uint64_t memory_limit_bytes; /* of one worker; default 8 GiB */
+  uint64_t upload_limit_bytes; /* default 1 GiB; checked by http while the body arrives */
+  const char *families;        /* to bake, separated by commas; NULL or "" = the worker's default */
+  /* Families that are baked, with the first ones, by a second job once the model is served: uploads are there in seconds, and what needs
+   * minutes comes after. NULL or "" = none; else `families` must be set. */
+  const char *later_families;
   const char *limits_json;                      /* import limits object for the 'J' frame, or NULL = defaults */
   void (*changed)(void *context, uint64_t job); /* called from any thread whenever a job's state, stage or progress changes */
   void *context;
@@ -48,6 +52,7 @@ struct lod_job {
   double progress;
   struct lod_problem problem; /* status LOD_OK unless failed */
   double created, finished;   /* seconds since 1970 */
+  uint64_t next;              /* of a job that is done: the one that adds the later families; 0 = none, or not known any more */
 };
 /* Ends all jobs of a model that are queued or running with the problem "cancelled", and returns when none of them can change the model any
  * more: to be called before lod_store_model_delete, so that what was uploaded before a delete does not come back after it. */

@@ -13,7 +13,9 @@
 
 #include <jansson.h>
 
+#include "server/jobs/families.h"
 #include "server/jobs/jobs.h"
+#include "server/jobs/upload.h"
 #include "server/jobs/watch.h"
 #include "server/store/catalog.h"
 #include "server/store/files.h"
@@ -24,8 +26,9 @@ struct job {
   struct lod_job facts;
   char *name, *format; /* format may be NULL */
   uint32_t attempts;
-  double started;        /* monotonic */
-  bool cancelled;        /* by lod_jobs_cancel_model */
+  double started; /* monotonic */
+  bool later;     /* adds the later families to a model that is served */
+  enum { NOT_CANCELLED, DELETED, SUPERSEDED } cancelled;
   bool committing;       /* past the point where a cancel can stop it */
   struct runner *runner; /* while running */
 };
@@ -41,10 +44,11 @@ struct runner {
 struct lod_jobs {
   struct lod_jobs_settings settings;
   char *worker_path;
-  json_t *limits; /* or NULL */
+  json_t *limits;                    /* or NULL */
+  json_t *families, *later_families; /* names: of a first bake, of a later one (the first's among them); later NULL = none */
   struct lod_catalog *catalog;
   int uploads_fd, work_fd;
-  pthread_mutex_t submit; /* one submission at a time; taken before `mutex` */
+  pthread_mutex_t submit; /* one new job at a time; taken before `mutex` */
   pthread_mutex_t mutex;  /* guards all below */
   pthread_cond_t changed; /* something to run, or something ended */
   struct job **list;      /* number order */
@@ -134,7 +138,7 @@ static struct job *create_job(uint64_t number, const char *id, const char *name,
   return job;
 }
 
-/* Room for one more job. Only submissions (one at a time) and the start append. */
+/* Room for one more job. Only new jobs (one at a time) and the start append. */
 static bool reserve_list(struct lod_jobs *jobs) {
   bool reserved = true;
   pthread_mutex_lock(&jobs->mutex);
@@ -206,7 +210,8 @@ static enum lod_status write_row(struct lod_jobs *jobs, const struct job *job, s
                                       .attempts = job->attempts,
                                       .created = job->facts.created,
                                       .finished = job->facts.finished,
-                                      .problem = job->facts.problem};
+                                      .problem = job->facts.problem,
+                                      .later = job->later};
   return lod_catalog_put_job(jobs->catalog, &row, problem);
 }
 
@@ -215,56 +220,94 @@ static void remove_files(struct lod_jobs *jobs, uint64_t number) {
   unlinkat(jobs->uploads_fd, name_of(number).text, 0);
 }
 
+/* ---- the end of a job, and cancelling ---- */
+
+/* What becomes of the job. */
+static void settle(struct job *job, struct lod_watch_result *result) {
+  bool cancelled = result->end == LOD_WATCH_STOPPED && job->cancelled != NOT_CANCELLED;
+  if (cancelled && job->cancelled == DELETED)
+    (void)lod_fail(&result->problem, LOD_CANCELLED, "cancelled", "The model was deleted before its bake had ended.");
+  else if (cancelled)
+    (void)lod_fail(&result->problem, LOD_CANCELLED, "superseded", "The model was uploaded anew before this bake had ended.");
+  job->facts.problem = result->problem;
+  if (result->end == LOD_WATCH_STOPPED && !cancelled) { /* an orderly stop of the daemon is no failed attempt */
+    job->attempts--;
+    job->facts.state = LOD_JOB_QUEUED;
+    job->facts.progress = 0;
+    snprintf(job->facts.stage, sizeof job->facts.stage, "queued");
+    return;
+  }
+  job->facts.state = result->end == LOD_WATCH_DONE ? LOD_JOB_DONE : LOD_JOB_FAILED;
+  job->facts.finished = wall_seconds();
+  if (job->facts.state == LOD_JOB_DONE) {
+    job->facts.progress = 1;
+    snprintf(job->facts.stage, sizeof job->facts.stage, "done");
+  }
+}
+
+static void wake(const struct runner *runner) {
+  const uint64_t one = 1;
+  ssize_t ignored = write(runner->wake_fd, &one, sizeof one);
+  (void)ignored;
+}
+
+/* The first job of the model from *from on that has not ended. The mutex is held. */
+static struct job *next_open_job(const struct lod_jobs *jobs, const char *id, uint64_t from) {
+  for (size_t i = 0; i < jobs->count; i++)
+    if (jobs->list[i]->facts.number >= from && !has_ended(jobs->list[i]) && strcmp(jobs->list[i]->facts.id, id) == 0)
+      return jobs->list[i];
+  return NULL;
+}
+
+/* Ends the model's open jobs: DELETED all, SUPERSEDED those that add later families. After DELETED none of them
+ * can change the model any more. */
+static void cancel_jobs(struct lod_jobs *jobs, const char *id, int why) {
+  uint64_t number = 0;
+  pthread_mutex_lock(&jobs->mutex);
+  for (struct job *job; !jobs->stopping && (job = next_open_job(jobs, id, number)) != NULL;) {
+    number = job->facts.number;
+    if (why == SUPERSEDED && !job->later) {
+      number++;
+      continue;
+    }
+    job->cancelled = why;
+    if (job->facts.state == LOD_JOB_QUEUED) {
+      struct lod_watch_result stopped = {.end = LOD_WATCH_STOPPED};
+      settle(job, &stopped);
+      jobs->counts.queued--;
+      jobs->counts.failed++;
+      jobs->ended++;
+      (void)write_row(jobs, job, NULL);
+      remove_files(jobs, number);
+      pthread_mutex_unlock(&jobs->mutex);
+      tell(jobs, number);
+      pthread_mutex_lock(&jobs->mutex);
+      continue;
+    }
+    wake(job->runner);
+    while (why == DELETED && job->committing) {
+      pthread_cond_wait(&jobs->changed, &jobs->mutex);
+      job = find_job(jobs, number);
+      if (job == NULL)
+        break;
+    }
+    number++;
+  }
+  pthread_mutex_unlock(&jobs->mutex);
+}
+
 /* ---- submit ---- */
 
 enum lod_status lod_jobs_upload_create(struct lod_jobs *jobs, int *fd, struct lod_problem *problem) {
-  *fd = openat(jobs->uploads_fd, ".", O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-  if (*fd >= 0)
-    return LOD_OK;
-  if (errno != EOPNOTSUPP && errno != EISDIR && errno != EINVAL)
-    return lod_fail_errno(problem, "An upload cannot be stored");
-  /* A file system without unnamed files: a named one, swept at the next start should we die before the unlink. */
-  static _Atomic uint64_t counter;
-  char name[48];
-  snprintf(name, sizeof name, ".new-%" PRIu64, counter++);
-  *fd = openat(jobs->uploads_fd, name, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (*fd < 0)
-    return lod_fail_errno(problem, "An upload cannot be stored");
-  unlinkat(jobs->uploads_fd, name, 0);
-  return LOD_OK;
+  return lod_upload_create(jobs->uploads_fd, fd, problem);
 }
 
-static enum lod_status copy_upload(struct lod_jobs *jobs, int fd, const char *name, struct lod_problem *problem) {
-  int to = openat(jobs->uploads_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (to < 0)
-    return lod_fail_errno(problem, "An upload cannot be stored");
-  enum lod_status status = LOD_OK;
-  off_t from = 0;
-  for (;;) {
-    ssize_t moved = copy_file_range(fd, &from, to, NULL, 1 << 30, 0);
-    if (moved == 0)
-      break;
-    if (moved < 0 && errno != EINTR) {
-      status = lod_fail_errno(problem, "An upload cannot be stored");
-      break;
-    }
-  }
-  if (status == LOD_OK && fsync(to) != 0)
-    status = lod_fail_errno(problem, "An upload cannot be synced");
-  close(to);
-  return status;
-}
-
-/* Gives the upload its name, on the disk. */
-static enum lod_status name_upload(struct lod_jobs *jobs, int fd, uint64_t number, struct lod_problem *problem) {
-  char path[48];
-  struct number_name name = name_of(number);
-  if (fsync(fd) != 0)
-    return lod_fail_errno(problem, "An upload cannot be synced");
-  snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
-  if (linkat(AT_FDCWD, path, jobs->uploads_fd, name.text, AT_SYMLINK_FOLLOW) != 0)
-    LOD_TRY(copy_upload(jobs, fd, name.text, problem)); /* no /proc, or a file that was unlinked */
-  return fsync(jobs->uploads_fd) == 0 ? LOD_OK : lod_fail_errno(problem, "The folder of uploads cannot be synced");
+/* Jobs that wait and are, or are not, to add later families. The mutex is held. */
+static size_t count_waiting(const struct lod_jobs *jobs, bool later) {
+  size_t count = 0;
+  for (size_t i = 0; i < jobs->count; i++)
+    count += jobs->list[i]->facts.state == LOD_JOB_QUEUED && jobs->list[i]->later == later;
+  return count;
 }
 
 static enum lod_status check_submission(struct lod_jobs *jobs, const char *id, int fd, struct lod_problem *problem) {
@@ -279,7 +322,7 @@ static enum lod_status check_submission(struct lod_jobs *jobs, const char *id, i
     return lod_fail(problem, LOD_LIMIT, "limit-bytes", "The upload has %lld bytes, the limit is %llu.", (long long)facts.st_size,
                     (unsigned long long)jobs->settings.upload_limit_bytes);
   pthread_mutex_lock(&jobs->mutex);
-  bool full = jobs->counts.queued >= jobs->settings.queue_limit, stopping = jobs->stopping;
+  bool full = count_waiting(jobs, false) >= jobs->settings.queue_limit, stopping = jobs->stopping;
   pthread_mutex_unlock(&jobs->mutex);
   if (full || stopping)
     return lod_fail(problem, LOD_LIMIT, "queue-full",
@@ -287,14 +330,15 @@ static enum lod_status check_submission(struct lod_jobs *jobs, const char *id, i
   return LOD_OK;
 }
 
-static enum lod_status submit(struct lod_jobs *jobs, const char *id, const char *name, const char *format, int fd, uint64_t *number,
-                              struct lod_problem *problem) {
-  LOD_TRY(check_submission(jobs, id, fd, problem));
+/* A job that bakes the file behind fd. `submit` is held. */
+static enum lod_status add_job(struct lod_jobs *jobs, const char *id, const char *name, const char *format, bool later, int fd,
+                               uint64_t *number, struct lod_problem *problem) {
   struct job *job = reserve_list(jobs) ? create_job(jobs->last_number + 1, id, name, format) : NULL;
   if (job == NULL)
     return lod_fail_memory(problem);
+  job->later = later;
   *number = ++jobs->last_number; /* not used again, whatever happens below */
-  enum lod_status status = name_upload(jobs, fd, *number, problem);
+  enum lod_status status = lod_upload_name(jobs->uploads_fd, fd, name_of(*number).text, problem);
   if (status == LOD_OK)
     status = write_row(jobs, job, problem);
   if (status == LOD_OK) {
@@ -309,11 +353,15 @@ static enum lod_status submit(struct lod_jobs *jobs, const char *id, const char 
 enum lod_status lod_jobs_submit(struct lod_jobs *jobs, const char *id, const char *name, const char *format, int fd, uint64_t *job,
                                 struct lod_problem *problem) {
   pthread_mutex_lock(&jobs->submit);
-  enum lod_status status = submit(jobs, id, name, format, fd, job, problem);
+  enum lod_status status = check_submission(jobs, id, fd, problem);
+  if (status == LOD_OK)
+    status = add_job(jobs, id, name, format, false, fd, job, problem);
   pthread_mutex_unlock(&jobs->submit);
   close(fd);
-  if (status == LOD_OK)
+  if (status == LOD_OK) {
+    cancel_jobs(jobs, id, SUPERSEDED);
     tell(jobs, *job);
+  }
   return status;
 }
 
@@ -325,15 +373,9 @@ static char *job_payload(const struct lod_jobs *jobs, const struct job *job) {
   /* Below the process's own limit: the worker's allocations meet theirs first, and it can say so. */
   json_object_set_new(limits, "memory_bytes", json_integer((json_int_t)(jobs->settings.memory_limit_bytes / 8 * 7)));
   json_object_set_new(limits, "seconds", json_integer(jobs->settings.deadline_seconds));
-  json_t *families = json_array();
-  for (const char *name = jobs->settings.families; name != NULL && *name != '\0';) {
-    size_t length = strcspn(name, ", ");
-    if (length != 0)
-      json_array_append_new(families, json_stringn(name, length));
-    name += length + (name[length] != '\0');
-  }
-  json_t *root = json_pack("{s:s, s:s, s:s, s:s?, s:o, s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format",
-                           job->format, "families", families, "threads", (int)jobs->settings.threads, "limits", limits);
+  json_t *root =
+      json_pack("{s:s, s:s, s:s, s:s?, s:O, s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format", job->format,
+                "families", job->later ? jobs->later_families : jobs->families, "threads", (int)jobs->settings.threads, "limits", limits);
   char *text = root == NULL ? NULL : json_dumps(root, JSON_COMPACT);
   json_decref(root);
   return text;
@@ -385,7 +427,7 @@ static void watch_worker(struct runner *runner, const struct job *job, int input
 /* False when the job was cancelled or the daemon stops. From here on a cancel waits. */
 static bool begin_commit(struct lod_jobs *jobs, struct job *job) {
   pthread_mutex_lock(&jobs->mutex);
-  job->committing = !job->cancelled;
+  job->committing = job->cancelled == NOT_CANCELLED;
   if (job->committing)
     snprintf(job->facts.stage, sizeof job->facts.stage, "store");
   pthread_mutex_unlock(&jobs->mutex);
@@ -431,27 +473,6 @@ static void count_end(struct lod_jobs *jobs, const struct job *job, const struct
     jobs->counts.bake_seconds += monotonic_seconds() - job->started;
 }
 
-/* What becomes of the job. */
-static void settle(struct job *job, struct lod_watch_result *result) {
-  bool cancelled = result->end == LOD_WATCH_STOPPED && job->cancelled;
-  if (cancelled)
-    (void)lod_fail(&result->problem, LOD_CANCELLED, "cancelled", "The model was deleted before its bake had ended.");
-  job->facts.problem = result->problem;
-  if (result->end == LOD_WATCH_STOPPED && !cancelled) { /* an orderly stop of the daemon is no failed attempt */
-    job->attempts--;
-    job->facts.state = LOD_JOB_QUEUED;
-    job->facts.progress = 0;
-    snprintf(job->facts.stage, sizeof job->facts.stage, "queued");
-    return;
-  }
-  job->facts.state = result->end == LOD_WATCH_DONE ? LOD_JOB_DONE : LOD_JOB_FAILED;
-  job->facts.finished = wall_seconds();
-  if (job->facts.state == LOD_JOB_DONE) {
-    job->facts.progress = 1;
-    snprintf(job->facts.stage, sizeof job->facts.stage, "done");
-  }
-}
-
 /* What a person should know of: a failure, and whatever the worker wrote (its jail's warnings among it). */
 static void log_end(struct lod_jobs *jobs, const struct lod_job *job, const struct lod_watch_result *result) {
   const char *lead = result->log[0] == 0 ? "" : "; the worker wrote: ";
@@ -459,6 +480,35 @@ static void log_end(struct lod_jobs *jobs, const struct lod_job *job, const stru
     say(jobs, "job %" PRIu64 " (%s) failed: %s: %s%s%s", job->number, job->id, job->problem.type, job->problem.detail, lead, result->log);
   else if (result->log[0] != 0)
     say(jobs, "job %" PRIu64 " (%s)%s%s", job->number, job->id, lead, result->log);
+}
+
+/* Queues the job that adds the later families to what `job` has just stored; returns its number. 0: there is nothing to add, a newer upload
+ * waits already, or it cannot be (which is no failure of `job`, and is logged). Before `job` itself is noted as done: should the daemon die
+ * in between, `job` runs again and finds this one waiting. */
+static uint64_t add_later_job(struct lod_jobs *jobs, const struct job *job) {
+  uint64_t number = 0;
+  struct lod_problem problem = {0};
+  if (jobs->later_families == NULL || job->later)
+    return 0;
+  pthread_mutex_lock(&jobs->submit);
+  pthread_mutex_lock(&jobs->mutex);
+  bool wanted = !jobs->stopping && next_open_job(jobs, job->facts.id, job->facts.number + 1) == NULL;
+  bool full = count_waiting(jobs, true) >= jobs->settings.queue_limit;
+  pthread_mutex_unlock(&jobs->mutex);
+  if (wanted && !full) {
+    int fd = openat(jobs->uploads_fd, name_of(job->facts.number).text, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    enum lod_status status = fd < 0 ? lod_fail_errno(&problem, "The upload cannot be read")
+                                    : add_job(jobs, job->facts.id, job->name, job->format, true, fd, &number, &problem);
+    if (status != LOD_OK)
+      number = 0;
+    if (fd >= 0)
+      close(fd);
+  }
+  pthread_mutex_unlock(&jobs->submit);
+  if (wanted && number == 0)
+    say(jobs, "job %" PRIu64 " (%s): the later families are not baked: %s", job->facts.number, job->facts.id,
+        full ? "too many models wait for theirs already" : problem.detail);
+  return number;
 }
 
 static void finish_job(struct runner *runner, struct job *job, struct lod_watch_result *result) {
@@ -470,6 +520,8 @@ static void finish_job(struct runner *runner, struct job *job, struct lod_watch_
   struct job after = *job;
   pthread_mutex_unlock(&jobs->mutex);
   settle(&after, result);
+  if (after.facts.state == LOD_JOB_DONE)
+    after.facts.next = add_later_job(jobs, job);
   if (write_row(jobs, &after, &problem) != LOD_OK)
     say(jobs, "job %" PRIu64 ": its end could not be noted and it may run again: %s", number, problem.detail);
   if (has_ended(&after))
@@ -493,16 +545,23 @@ static void finish_job(struct runner *runner, struct job *job, struct lod_watch_
   prune(jobs);
 }
 
-/* The oldest waiting job whose model no other worker is at: uploads of one model take effect in their order. The mutex is held. */
-static struct job *next_job(const struct lod_jobs *jobs) {
+/* The oldest waiting job of this kind whose model no other worker is at: uploads of one model take effect in their order. The mutex is
+ * held. */
+static struct job *oldest_job(const struct lod_jobs *jobs, bool later) {
   for (size_t i = 0; i < jobs->count; i++) {
-    bool busy = jobs->list[i]->facts.state != LOD_JOB_QUEUED;
+    bool busy = jobs->list[i]->facts.state != LOD_JOB_QUEUED || jobs->list[i]->later != later;
     for (uint32_t k = 0; k < jobs->runner_count && !busy; k++)
       busy = jobs->runners[k].job != NULL && strcmp(jobs->runners[k].job->facts.id, jobs->list[i]->facts.id) == 0;
     if (!busy)
       return jobs->list[i];
   }
   return NULL;
+}
+
+/* Models that are not served yet come first. The mutex is held. */
+static struct job *next_job(const struct lod_jobs *jobs) {
+  struct job *job = oldest_job(jobs, false);
+  return job != NULL ? job : oldest_job(jobs, true);
 }
 
 /* The mutex is held. */
@@ -551,49 +610,8 @@ static void *run_jobs(void *argument) {
 
 /* ---- cancel, find, count ---- */
 
-static void wake(const struct runner *runner) {
-  const uint64_t one = 1;
-  ssize_t ignored = write(runner->wake_fd, &one, sizeof one);
-  (void)ignored;
-}
-
-/* The first job of the model from *from on that has not ended. The mutex is held. */
-static struct job *next_open_job(const struct lod_jobs *jobs, const char *id, uint64_t from) {
-  for (size_t i = 0; i < jobs->count; i++)
-    if (jobs->list[i]->facts.number >= from && !has_ended(jobs->list[i]) && strcmp(jobs->list[i]->facts.id, id) == 0)
-      return jobs->list[i];
-  return NULL;
-}
-
 void lod_jobs_cancel_model(struct lod_jobs *jobs, const char *id) {
-  uint64_t number = 0;
-  pthread_mutex_lock(&jobs->mutex);
-  for (struct job *job; !jobs->stopping && (job = next_open_job(jobs, id, number)) != NULL;) {
-    number = job->facts.number;
-    job->cancelled = true;
-    if (job->facts.state == LOD_JOB_QUEUED) {
-      struct lod_watch_result stopped = {.end = LOD_WATCH_STOPPED};
-      settle(job, &stopped);
-      jobs->counts.queued--;
-      jobs->counts.failed++;
-      jobs->ended++;
-      (void)write_row(jobs, job, NULL);
-      remove_files(jobs, number);
-      pthread_mutex_unlock(&jobs->mutex);
-      tell(jobs, number);
-      pthread_mutex_lock(&jobs->mutex);
-      continue;
-    }
-    wake(job->runner);
-    while (job->committing) {
-      pthread_cond_wait(&jobs->changed, &jobs->mutex);
-      job = find_job(jobs, number);
-      if (job == NULL)
-        break;
-    }
-    number++;
-  }
-  pthread_mutex_unlock(&jobs->mutex);
+  cancel_jobs(jobs, id, DELETED);
 }
 
 bool lod_jobs_find(struct lod_jobs *jobs, uint64_t number, struct lod_job *job) {
@@ -629,6 +647,7 @@ static enum lod_status load_job(void *context, const struct lod_catalog_job *row
   job->facts.finished = row->finished;
   job->facts.problem = row->problem;
   job->attempts = row->attempts;
+  job->later = row->later;
   if (job->facts.state == LOD_JOB_DONE) {
     job->facts.progress = 1;
     snprintf(job->facts.stage, sizeof job->facts.stage, "done");
@@ -668,6 +687,7 @@ static enum lod_status prepare(struct lod_jobs *jobs, struct lod_problem *proble
     if (!json_is_object(jobs->limits))
       return lod_fail(problem, LOD_BAD_INPUT, "bad-limits", "The import limits are not a JSON object.");
   }
+  LOD_TRY(lod_family_lists(settings->families, settings->later_families, &jobs->families, &jobs->later_families, problem));
   jobs->catalog = lod_store_catalog(settings->store);
   int folder_fd = lod_store_directory_fd(settings->store);
   jobs->uploads_fd = openat(folder_fd, "uploads", O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW);
@@ -746,6 +766,8 @@ void lod_jobs_destroy(struct lod_jobs *jobs) {
   free(jobs->list);
   free(jobs->worker_path);
   json_decref(jobs->limits);
+  json_decref(jobs->families);
+  json_decref(jobs->later_families);
   if (jobs->uploads_fd >= 0)
     close(jobs->uploads_fd);
   if (jobs->work_fd >= 0)

@@ -3,6 +3,7 @@
 #include <pthread.h>
 #include <sqlite3.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,9 +20,13 @@ static const char kSchema[] =
     "CREATE INDEX IF NOT EXISTS names_by_object ON names (sha256);"
     "CREATE TABLE IF NOT EXISTS jobs (number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL, name TEXT NOT NULL, format TEXT,"
     " state INTEGER NOT NULL, attempts INTEGER NOT NULL, created REAL NOT NULL, finished REAL NOT NULL,"
-    " status INTEGER NOT NULL, type TEXT NOT NULL, detail TEXT NOT NULL);"
-    "PRAGMA user_version = 1;";
-enum { SCHEMA_VERSION = 1 };
+    " status INTEGER NOT NULL, type TEXT NOT NULL, detail TEXT NOT NULL);";
+/* What each later version added; kSteps[i] makes version i + 1 of version i. */
+static const char *const kSteps[] = {
+    kSchema,
+    "ALTER TABLE jobs ADD COLUMN later INTEGER NOT NULL DEFAULT 0;",
+};
+enum { SCHEMA_VERSION = sizeof kSteps / sizeof kSteps[0] };
 
 /* ---- SQLite in a few words ---- */
 
@@ -125,6 +130,13 @@ static int end_transaction(struct lod_catalog *catalog, int code) {
 
 /* ---- open and close ---- */
 
+/* A pragma takes no parameter. */
+static int set_version(struct lod_catalog *catalog) {
+  char text[48];
+  snprintf(text, sizeof text, "PRAGMA user_version = %d", SCHEMA_VERSION);
+  return run(catalog, NULL, text, "");
+}
+
 static enum lod_status set_up(struct lod_catalog *catalog, struct lod_problem *problem) {
   int64_t version = 0;
   int code = run(catalog, NULL, "PRAGMA journal_mode = WAL", "");
@@ -137,8 +149,11 @@ static enum lod_status set_up(struct lod_catalog *catalog, struct lod_problem *p
                     "The store was written by a newer Lodestream (catalogue version %lld, known: %d).", (long long)version, SCHEMA_VERSION);
   if (code == SQLITE_OK && version < SCHEMA_VERSION) {
     code = run(catalog, NULL, "BEGIN IMMEDIATE", "");
+    for (int64_t step = version; code == SQLITE_OK && step < SCHEMA_VERSION; step++)
+      code = sqlite3_exec(catalog->database, kSteps[step], NULL, NULL, NULL);
     if (code == SQLITE_OK)
-      code = end_transaction(catalog, sqlite3_exec(catalog->database, kSchema, NULL, NULL, NULL));
+      code = set_version(catalog);
+    code = end_transaction(catalog, code);
   }
   return code == SQLITE_OK ? LOD_OK : fail(catalog, code, problem);
 }
@@ -284,7 +299,8 @@ static enum lod_status job_row(sqlite3_stmt *statement, void *each, void *contex
                                 .state = sqlite3_column_int(statement, 4),
                                 .attempts = (uint32_t)sqlite3_column_int(statement, 5),
                                 .created = sqlite3_column_double(statement, 6),
-                                .finished = sqlite3_column_double(statement, 7)};
+                                .finished = sqlite3_column_double(statement, 7),
+                                .later = sqlite3_column_int(statement, 11) != 0};
   int status = sqlite3_column_int(statement, 8);
   if (status != LOD_OK)
     (void)lod_fail(&job.problem, (enum lod_status)status, text_at(statement, 9), "%s", text_at(statement, 10));
@@ -292,22 +308,23 @@ static enum lod_status job_row(sqlite3_stmt *statement, void *each, void *contex
 }
 
 enum lod_status lod_catalog_read_jobs(struct lod_catalog *catalog, lod_catalog_each_job *each, void *context, struct lod_problem *problem) {
-  return read_rows(catalog,
-                   &(struct walk){"SELECT number, id, name, format, state, attempts, created, finished, status, type, detail FROM jobs"
-                                  " ORDER BY number",
-                                  job_row, &each, context},
-                   problem);
+  return read_rows(
+      catalog,
+      &(struct walk){"SELECT number, id, name, format, state, attempts, created, finished, status, type, detail, later FROM jobs"
+                     " ORDER BY number",
+                     job_row, &each, context},
+      problem);
 }
 
 enum lod_status lod_catalog_put_job(struct lod_catalog *catalog, const struct lod_catalog_job *job, struct lod_problem *problem) {
   pthread_mutex_lock(&catalog->mutex);
   int code = run(catalog, NULL,
-                 "INSERT INTO jobs (number, id, name, format, state, attempts, created, finished, status, type, detail)"
-                 " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (number) DO UPDATE SET state = excluded.state,"
+                 "INSERT INTO jobs (number, id, name, format, state, attempts, created, finished, status, type, detail, later)"
+                 " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (number) DO UPDATE SET state = excluded.state,"
                  " attempts = excluded.attempts, finished = excluded.finished, status = excluded.status, type = excluded.type,"
                  " detail = excluded.detail",
-                 "isssiiddiss", (int64_t)job->number, job->id, job->name, job->format, (int64_t)job->state, (int64_t)job->attempts,
-                 job->created, job->finished, (int64_t)job->problem.status, job->problem.type, job->problem.detail);
+                 "isssiiddissi", (int64_t)job->number, job->id, job->name, job->format, (int64_t)job->state, (int64_t)job->attempts,
+                 job->created, job->finished, (int64_t)job->problem.status, job->problem.type, job->problem.detail, (int64_t)job->later);
   enum lod_status status = code == SQLITE_OK ? LOD_OK : fail(catalog, code, problem);
   pthread_mutex_unlock(&catalog->mutex);
   return status;

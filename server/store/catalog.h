@@ -54,6 +54,7 @@ struct lod_catalog_job {
   uint32_t attempts;
   double created, finished;
   struct lod_problem problem;
+  bool later; /* adds the later families */
 };
 typedef enum lod_status lod_catalog_each_job(void *context, const struct lod_catalog_job *job);
 /* In number order. */

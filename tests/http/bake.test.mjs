@@ -65,6 +65,28 @@ test('sphere becomes levels that fit what is asked for', async () => {
   assert.ok(Number(near.headers['lod-screen-error']) <= 1 || near.headers['lod-level'] === String(levels.length - 1));
 });
 
+test('a model is served with its first families, and then with the later ones too', async () => {
+  const twice = await Daemon.start({ worker: path.join(build, 'lodestream'), later: 'envelope' });
+  try {
+    const file = path.join(twice.directory, 'upload');
+    fs.writeFileSync(file, sphere(40, 80).text);
+    const { headers } = await twice.curl('/v1/models/ball', ['-T', file]);
+    const first = await twice.finished(headers.location);
+    assert.equal(first.state, 'done', JSON.stringify(first.problem));
+    const second = await twice.finished(`/v1/jobs/${first.next}`);
+    assert.equal(second.state, 'done', JSON.stringify(second.problem));
+    assert.equal(second.next, undefined);
+    const { json: manifest } = await twice.json('/v1/models/ball');
+    assert.deepEqual(Object.keys(manifest.families).sort(), ['cluster', 'envelope']);
+    // The point of it: the same error for fewer bytes.
+    const { headers: chosen } = await twice.curl(`/v1/models/ball/level?error=${0.01 * manifest.source.diagonal}`);
+    assert.equal(chosen['lod-family'], 'envelope');
+    assert.ok(Number(chosen['lod-error']) <= 0.01 * manifest.source.diagonal);
+  } finally {
+    await twice.stop();
+  }
+});
+
 test('progress of a bake only grows, and is not full before it is done', async () => {
   const file = path.join(daemon.directory, 'upload');
   fs.writeFileSync(file, sphere(50, 100).text);

@@ -11,11 +11,12 @@ const BAKE_SECONDS = 60;
 const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 export class Daemon {
+  /** Without later families, so that a test sees a model's one revision; flags may say otherwise. */
   static async start(flags = []) {
     const daemon = new Daemon();
     daemon.folder = mkdtempSync(path.join(os.tmpdir(), 'lodestream-web-'));
     const program = path.join(ROOT, process.env.LODESTREAM_BUILD ?? 'build/release', 'lodestreamd');
-    const args = ['--store', path.join(daemon.folder, 'store'), '--listen', '127.0.0.1:0', '--viewer', VIEWER, ...flags];
+    const args = ['--store', path.join(daemon.folder, 'store'), '--listen', '127.0.0.1:0', '--viewer', VIEWER, '--later-families', '', ...flags];
     daemon.child = spawn(program, args, { stdio: ['ignore', 'pipe', 'pipe'] });
     daemon.log = '';
     daemon.child.stderr.on('data', (data) => (daemon.log += data));

@@ -133,6 +133,23 @@ test('a file that is dropped on the page is sent, baked and shown', TEST, () =>
     assert.deepEqual(page.faults, []);
   }));
 
+test('smaller levels that a second bake adds are taken up where one looks', TEST, async () => {
+  const twice = await Daemon.start(['--later-families', 'envelope']);
+  const page = await openPage(browser, {});
+  try {
+    await page.goto(twice.url);
+    await page.setInputFiles('#file', { name: 'later.ply', mimeType: 'application/octet-stream', buffer: writePly(bumpySphere(12)) });
+    await page.waitForFunction(() => document.title === 'later - Lodestream', null, { timeout: 60000 });
+    await page.waitForFunction(() => [...document.querySelectorAll('#family option')].some((o) => o.value === 'envelope'), null, { timeout: 60000 });
+    await settled(page);
+    assert.equal(await page.locator('#uploads li').count(), 0);
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.context().close();
+    await twice.stop();
+  }
+});
+
 test('a file that is no model leaves a sentence that names it, and the model that was shown', TEST, () =>
   withPage({}, async (page) => {
     await page.goto(`${daemon.url}#model=bumpy`);

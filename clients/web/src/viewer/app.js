@@ -45,6 +45,7 @@ class App {
       onOpen: (id) => this.open(id),
       onGone: (id) => this.onGone(id),
       onBaked: (id) => this.onBaked(id),
+      onImproved: (id) => this.onImproved(id),
       onError: (text) => this.messages.show(text, { error: true }),
       onUnauthorized: () => ($('token-box').open = true),
     });
@@ -93,6 +94,10 @@ class App {
 
   onList(models) {
     $('welcome').hidden = models.length > 0 || this.session !== null;
+    if (this.session && !this.opening) {
+      const shown = models.find((m) => m.id === this.session.id);
+      if (shown && shown.revision !== this.session.manifest.revision) this.onImproved(shown.id);
+    }
     if (this.session || this.opening) return;
     const wanted = this.state.model;
     if (wanted && this.missed === wanted && !models.some((m) => m.id === wanted)) return;
@@ -178,6 +183,11 @@ class App {
   onBaked(id) {
     this.messages.show(`${id} is ready.`);
     this.open(id, { keep: false });
+  }
+
+  /** A new revision of what is looked at: the same place, with more to choose from. */
+  onImproved(id) {
+    if (this.session?.id === id) this.open(id, { keep: true });
   }
 
   onLevelError(error, level) {

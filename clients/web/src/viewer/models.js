@@ -5,11 +5,13 @@ import { followJob, upload } from '../stream/index.js';
 import { formatBytes, formatCount } from './format.js';
 
 const STAGES = { queued: 'Waiting for its turn', running: 'Making levels', done: 'Done', failed: 'Failed' };
+/** Of the second job, which adds families to a model that is shown already. */
+const LATER_STAGES = { ...STAGES, queued: 'Ready; smaller levels will follow', running: 'Ready; making smaller levels' };
 
 export class ModelList {
   /**
    * @param {{list: HTMLElement, uploads: HTMLElement, client, ask: (text, choices) => Promise<string|null>, onOpen: (id) => void,
-   *          onGone: (id) => void, onBaked: (id) => void, onError: (text) => void, onUnauthorized: () => void}} options
+   *          onGone: (id) => void, onBaked: (id) => void, onImproved: (id) => void, onError: (text) => void, onUnauthorized: () => void}} options
    */
   constructor(options) {
     this.options = options;
@@ -115,19 +117,29 @@ export class ModelList {
 
   async follow(id, job, row) {
     try {
-      await followJob(this.options.client, job, {
-        signal: row.abort.signal,
-        onUpdate: (state) => {
-          const stage = state.stage ? `${STAGES[state.state] ?? state.state}: ${state.stage}` : (STAGES[state.state] ?? state.state);
-          row.progress(0.5 + 0.5 * (state.progress ?? 0), stage);
-        },
-      });
-      row.element.remove();
+      const done = await this.followOne(job, row, STAGES, 0.5);
       await this.refresh().catch(() => {}); // the page's own polling says when the server is gone
       this.options.onBaked(id);
+      if (done.next) {
+        await this.followOne(done.next, row, LATER_STAGES, 0);
+        await this.refresh().catch(() => {});
+        this.options.onImproved(id);
+      }
+      row.element.remove();
     } catch (error) {
       this.uploadFailed(row, error);
     }
+  }
+
+  /** from: where its share of the bar begins. */
+  followOne(job, row, stages, from) {
+    return followJob(this.options.client, job, {
+      signal: row.abort.signal,
+      onUpdate: (state) => {
+        const words = stages[state.state] ?? state.state;
+        row.progress(from + (1 - from) * (state.progress ?? 0), state.stage ? `${words}: ${state.stage}` : words);
+      },
+    });
   }
 
   uploadFailed(row, error) {

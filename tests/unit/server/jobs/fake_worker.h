@@ -173,6 +173,19 @@ static void do_look_around(const char *rest) {
   succeed("r1");
 }
 
+/* Slow and failing, or quick, by the families that are asked for; the revision says which they were. */
+static char families[64];
+static void do_families(const char *rest) {
+  if (strstr(families, "envelope") != NULL && strncmp(rest, "late-", 5) == 0) {
+    send_text('P', "{\"stage\":\"slow\",\"progress\":0}");
+    if (strcmp(rest, "late-hang") == 0)
+      wait_forever();
+    do_fail(rest);
+    return;
+  }
+  succeed(families);
+}
+
 struct role {
   const char *name;
   void (*act)(const char *rest);
@@ -197,6 +210,7 @@ static const struct role kRoles[] = {
     {"lie", do_lie},
     {"nothing-but-done", do_nothing_but_done},
     {"look-around", do_look_around},
+    {"families ", do_families},
 };
 
 static int act_as_worker(void) {
@@ -205,6 +219,9 @@ static int act_as_worker(void) {
   if (lod_frame_read(LOD_WORKER_SOCKET_FD, &reader, &type) != LOD_OK || type != 'J' || strstr(reader.payload, "\"job\":\"bake\"") == NULL ||
       pread(LOD_WORKER_INPUT_FD, text, sizeof text - 1, 0) < 0)
     return 99;
+  const char *list = strstr(reader.payload, "\"families\":[");
+  for (size_t i = 0; list != NULL && list[12 + i] != ']' && i < sizeof families - 1; i++)
+    families[i] = list[12 + i] == '"' || list[12 + i] == ',' ? '-' : list[12 + i];
   lod_frame_reader_finish(&reader);
   for (size_t i = 0; i < sizeof kRoles / sizeof kRoles[0]; i++)
     if (strncmp(text, kRoles[i].name, strlen(kRoles[i].name)) == 0) {

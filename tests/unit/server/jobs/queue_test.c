@@ -410,6 +410,101 @@ static void a_delete_after_an_upload_wins(void **state) {
   assert_int_equal(run(fixture, "succeed r2").state, LOD_JOB_DONE); /* and a later upload is not held back */
 }
 
+/* ---- later families ---- */
+
+static void restart_with_later_families(struct fixture *fixture) {
+  stop(fixture);
+  fixture->settings.families = "cluster";
+  fixture->settings.later_families = "cluster, envelope";
+  start(fixture);
+}
+
+static void later_families_come_in_a_second_job_of_the_same_upload(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  struct lod_job first = run(fixture, "families ");
+  assert_int_equal(first.state, LOD_JOB_DONE);
+  assert_true(first.next > first.number);
+  struct lod_job second = wait_for(fixture, first.next, false);
+  assert_int_equal(second.state, LOD_JOB_DONE);
+  assert_int_equal(second.next, 0);
+  expect_model(fixture, "bunny", "-cluster---envelope-");
+  char path[160];
+  snprintf(path, sizeof path, "%s/uploads", fixture->path);
+  assert_int_equal(count_entries(path), 0);
+}
+
+static void later_families_that_the_first_bake_has_need_no_second(void **state) {
+  struct fixture *fixture = *state;
+  stop(fixture);
+  fixture->settings.families = "envelope,cluster";
+  fixture->settings.later_families = "cluster";
+  start(fixture);
+  struct lod_job job = run(fixture, "families ");
+  assert_int_equal(job.state, LOD_JOB_DONE);
+  assert_int_equal(job.next, 0);
+  expect_model(fixture, "bunny", "-envelope---cluster-");
+}
+
+static void later_families_without_first_ones_are_refused(void **state) {
+  struct fixture *fixture = *state;
+  struct lod_jobs *jobs;
+  struct lod_problem problem = {0};
+  stop(fixture);
+  assert_int_equal(lod_store_open(fixture->path, &fixture->store, NULL), LOD_OK);
+  fixture->settings.later_families = "envelope";
+  assert_int_equal(lod_jobs_create(&fixture->settings, &jobs, &problem), LOD_BAD_INPUT);
+  assert_non_null(strstr(problem.detail, "later-families"));
+  lod_store_close(fixture->store);
+  fixture->settings.later_families = NULL;
+  start(fixture);
+}
+
+static void a_second_job_that_fails_leaves_the_first_ones_levels(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  struct lod_job first = run(fixture, "families late-fail");
+  assert_int_equal(first.state, LOD_JOB_DONE);
+  assert_string_equal(wait_for(fixture, first.next, false).problem.type, "truncated");
+  expect_model(fixture, "bunny", "-cluster-");
+}
+
+static void models_that_are_not_served_yet_come_before_later_families(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  uint64_t slow = submit(fixture, "bunny", "slowly r1"); /* while it runs, others queue up */
+  uint64_t second = submit(fixture, "second", "families late-hang");
+  uint64_t third = submit(fixture, "third", "families late-hang");
+  assert_int_equal(wait_for(fixture, slow, false).state, LOD_JOB_DONE);
+  assert_int_equal(wait_for(fixture, second, false).state, LOD_JOB_DONE);
+  assert_int_equal(wait_for(fixture, third, false).state, LOD_JOB_DONE); /* though the later job of `second`, which hangs, is older */
+}
+
+static void a_new_upload_ends_the_second_job_of_the_one_before(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  struct lod_job first = run(fixture, "families late-hang");
+  wait_for(fixture, first.next, true);
+  struct lod_job again = run(fixture, "families ");
+  assert_int_equal(again.state, LOD_JOB_DONE);
+  assert_string_equal(wait_for(fixture, first.next, false).problem.type, "superseded");
+  assert_int_equal(wait_for(fixture, again.next, false).state, LOD_JOB_DONE);
+  expect_model(fixture, "bunny", "-cluster---envelope-");
+}
+
+static void a_second_job_survives_a_restart(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  struct lod_job first = run(fixture, "families late-hang");
+  struct lod_job second = wait_for(fixture, first.next, true);
+  assert_int_equal(second.state, LOD_JOB_RUNNING);
+  stop(fixture);
+  start(fixture);
+  assert_int_equal(wait_for(fixture, first.next, true).state, LOD_JOB_RUNNING); /* asks for envelope again, so it hangs again */
+  lod_jobs_cancel_model(fixture->jobs, "bunny");
+  assert_string_equal(wait_for(fixture, first.next, false).problem.type, "cancelled");
+}
+
 static void only_the_last_ended_jobs_are_kept(void **state) {
   struct fixture *fixture = *state;
   struct lod_job job;
@@ -452,6 +547,13 @@ int main(int argc, char **argv) {
       TEST(jobs_go_on_after_an_orderly_restart),
       TEST(a_killed_daemon_runs_its_jobs_at_the_next_start_but_not_for_ever),
       TEST(a_delete_after_an_upload_wins),
+      TEST(later_families_come_in_a_second_job_of_the_same_upload),
+      TEST(later_families_that_the_first_bake_has_need_no_second),
+      TEST(later_families_without_first_ones_are_refused),
+      TEST(a_second_job_that_fails_leaves_the_first_ones_levels),
+      TEST(models_that_are_not_served_yet_come_before_later_families),
+      TEST(a_new_upload_ends_the_second_job_of_the_one_before),
+      TEST(a_second_job_survives_a_restart),
       TEST(only_the_last_ended_jobs_are_kept),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
