@@ -1,0 +1,79 @@
+/* Adaptive binary arithmetic coding, one code path for both directions: a function that codes a value writes it when the coder encodes, and
+ * reads and returns it when it decodes, so the two cannot drift apart.
+ *
+ * Probabilities are integers of 16 bits, mixed in the logistic domain with integer weights: the same bits everywhere.
+ * Based on: Martin. Range encoding. 1979; Mahoney. Adaptive Weighing of Context Models for Lossless Data Compression. 2005. */
+#ifndef LOD_CODEC_STREAM_CODER_H
+#define LOD_CODEC_STREAM_CODER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/base/arena.h"
+#include "core/base/status.h"
+
+/* How likely the next bit is 1 in one context. Zeroed: knows nothing. */
+struct lod_bit_model {
+  uint16_t skew;  /* probability of 1, less a half: zeroed memory is a fresh model */
+  uint16_t count; /* bits seen, up to a limit */
+};
+
+enum { LOD_MIX_INPUTS = 6 };
+
+/* Weights of the models that vote on one kind of bit. Zeroed: equal weights. */
+struct lod_mixer {
+  int32_t weights[LOD_MIX_INPUTS];
+};
+
+struct lod_coder_tables;
+
+struct lod_coder {
+  bool decoding;
+  bool failed; /* encoding: memory is out */
+  uint32_t low, high, code;
+  const uint8_t *in, *in_end; /* decoding */
+  uint32_t overrun;           /* bytes read behind the end */
+  uint8_t *out;               /* encoding; in `arena` */
+  size_t out_size, out_capacity;
+  struct lod_arena *arena;
+  const struct lod_coder_tables *tables;
+};
+
+/* Shared by all coders of a job. NULL when memory is out. */
+const struct lod_coder_tables *lod_coder_tables_create(struct lod_arena *arena);
+
+void lod_coder_encode(struct lod_coder *coder, const struct lod_coder_tables *tables, struct lod_arena *arena);
+void lod_coder_decode(struct lod_coder *coder, const struct lod_coder_tables *tables, const uint8_t *bytes, size_t size);
+
+/* Encoding: the last bytes. False when memory is out. Decoding: whether the bytes were exactly used up. */
+LOD_WARN_UNUSED bool lod_coder_finish(struct lod_coder *coder);
+
+/* Decoding: more was read than there is. Loops that a stream controls ask this. */
+static inline bool lod_coder_overrun(const struct lod_coder *coder) {
+  return coder->overrun > 4;
+}
+
+/* ---- bits ---- */
+
+/* Limits of lod_bit_model.count: how slowly a model forgets. */
+enum { LOD_ADAPT_FAST = 30, LOD_ADAPT = 255, LOD_ADAPT_SLOW = 1023 };
+
+int lod_coder_bit(struct lod_coder *coder, struct lod_bit_model *model, int limit, int bit);
+
+/* The bit as `count` models (2 to LOD_MIX_INPUTS) together expect it. */
+int lod_coder_mix(struct lod_coder *coder, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit, int bit);
+
+/* ---- numbers ---- */
+
+/* The low `count` bits (0 to 32) of value, not modelled. */
+uint32_t lod_coder_raw(struct lod_coder *coder, uint32_t value, int count);
+
+/* Any number: its length in bits in unary, each step modelled, then its bits, the first one modelled. */
+struct lod_number_model {
+  struct lod_bit_model length[33], first[33];
+};
+uint32_t lod_coder_number(struct lod_coder *coder, struct lod_number_model *model, uint32_t value);
+int32_t lod_coder_signed(struct lod_coder *coder, struct lod_number_model *model, struct lod_bit_model *sign, int32_t value);
+
+#endif
