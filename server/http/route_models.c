@@ -194,7 +194,8 @@ void lod_begin_upload(struct lod_exchange *exchange) {
   }
   if (!change_allowed(exchange, id))
     return;
-  if (lod_jobs_counts(exchange->service->jobs).queued >= config->bake_queue) {
+  struct lod_jobs_counts counts = lod_jobs_counts(exchange->service->jobs);
+  if (counts.queued - counts.queued_later >= config->bake_queue) {
     lod_reply_problem(reply, 503, "queue-full", "Too many bakes are waiting; try again later.", "");
     lod_reply_header(reply, "Retry-After", "10");
     return;

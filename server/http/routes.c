@@ -24,6 +24,8 @@ static const struct lod_route kRoutes[] = {
     {LOD_PUT, "/v1/models/{id}", kUpload, true, lod_begin_upload, lod_body_upload, lod_answer_upload},
     {LOD_DELETE, "/v1/models/{id}", kNone, true, NULL, NULL, lod_answer_model_delete},
     {LOD_GET, "/v1/models/{id}/level", NULL, false, NULL, NULL, lod_answer_level},
+    {LOD_GET, "/v1/models/{id}/tileset.json", kNone, false, NULL, NULL, lod_answer_document},
+    {LOD_GET, "/v1/models/{id}/model.glb", kNone, false, NULL, NULL, lod_answer_document},
     /* A GLB names its textures by bare sibling names, so they resolve wherever it was fetched from. */
     {LOD_GET, "/v1/models/{id}/{sha256}", kNone, false, NULL, NULL, lod_answer_object},
     {LOD_GET, "/v1/objects/{sha256}", kNone, false, NULL, NULL, lod_answer_object},

@@ -96,6 +96,7 @@ void lod_body_upload(struct lod_exchange *exchange, const char *bytes, size_t si
 void lod_answer_upload(struct lod_exchange *exchange);
 void lod_answer_level(struct lod_exchange *exchange);
 void lod_answer_object(struct lod_exchange *exchange);
+void lod_answer_document(struct lod_exchange *exchange);
 void lod_answer_job(struct lod_exchange *exchange);
 void lod_answer_job_events(struct lod_exchange *exchange);
 void lod_answer_viewer(struct lod_exchange *exchange);

@@ -63,6 +63,7 @@ bool lod_jobs_find(struct lod_jobs *jobs, uint64_t number, struct lod_job *job);
 
 struct lod_jobs_counts {
   uint64_t queued, running, done, failed;            /* now, now, since start, since start */
+  uint64_t queued_later;                             /* of `queued`: those that add later families */
   uint64_t workers_crashed, workers_killed, retried; /* since start: by signal, by deadline or limit, after a restart */
   double bake_seconds;                               /* since start, of finished jobs */
 };

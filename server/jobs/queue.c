@@ -626,6 +626,7 @@ bool lod_jobs_find(struct lod_jobs *jobs, uint64_t number, struct lod_job *job) 
 struct lod_jobs_counts lod_jobs_counts(struct lod_jobs *jobs) {
   pthread_mutex_lock(&jobs->mutex);
   struct lod_jobs_counts counts = jobs->counts;
+  counts.queued_later = count_waiting(jobs, true);
   pthread_mutex_unlock(&jobs->mutex);
   return counts;
 }

@@ -8,6 +8,7 @@
 /* What objects may be. A type beyond these would let a worker choose how a browser treats its bytes. */
 static const char *const kTypes[] = {
     "model/gltf-binary",
+    "application/json",
     "image/png",
     "image/jpeg",
     "image/webp",
@@ -240,6 +241,20 @@ static enum lod_status check_parts(const json_t *root, struct lod_problem *probl
   return LOD_OK;
 }
 
+/* The name of root[key].object; "" when there is none. Its type decides how browsers take it, so it is fixed. */
+static enum lod_status read_document(const json_t *root, const char *key, const char *type, char name[LOD_SHA256_HEX + 1],
+                                     struct lod_problem *problem) {
+  const json_t *json = json_object_get(root, key);
+  name[0] = '\0';
+  if (json == NULL)
+    return LOD_OK;
+  const char *object = json_string_value(json_object_get(json, "object")), *given = json_string_value(json_object_get(json, "type"));
+  if (object == NULL || !is_sha256(object) || given == NULL || strcmp(given, type) != 0)
+    return BAD("%s is not an object of type %s", key, type);
+  memcpy(name, object, LOD_SHA256_HEX + 1);
+  return LOD_OK;
+}
+
 /* ---- object references ---- */
 
 struct references {
@@ -391,6 +406,8 @@ static enum lod_status parse(json_t *root, const char *text, size_t size, const 
   LOD_TRY(check_parts(root, problem));
   LOD_TRY(check_textures(root, problem));
   LOD_TRY(check_bake(root, problem));
+  LOD_TRY(read_document(root, "tileset", "application/json", manifest->tileset, problem));
+  LOD_TRY(read_document(root, "gltf", "model/gltf-binary", manifest->gltf, problem));
   return collect_objects(root, manifest, problem);
 }
 

@@ -30,6 +30,7 @@ struct lod_manifest {
   double diagonal;
   uint32_t family_count;
   struct lod_stored_family *families;
+  char tileset[LOD_SHA256_HEX + 1], gltf[LOD_SHA256_HEX + 1]; /* "" = none */
   size_t object_count;
   struct lod_manifest_object *objects; /* sorted by name, each once */
 };

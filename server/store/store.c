@@ -87,6 +87,8 @@ static enum lod_status create_revision(struct lod_store *store, struct lod_manif
   model->diagonal = manifest->diagonal;
   model->family_count = manifest->family_count;
   model->families = manifest->families;
+  memcpy(model->tileset, manifest->tileset, sizeof model->tileset);
+  memcpy(model->gltf, manifest->gltf, sizeof model->gltf);
   return LOD_OK;
 }
 

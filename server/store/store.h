@@ -72,6 +72,8 @@ struct lod_stored_model {
   double diagonal;
   uint32_t family_count;
   struct lod_stored_family *families; /* of the whole model: manifest.families */
+  /* Objects that describe the levels to clients of others; "" = none. */
+  char tileset[LOD_SHA256_HEX + 1], gltf[LOD_SHA256_HEX + 1];
 };
 /* NULL when there is none. Cheap: a lock, a hash look-up and a count. */
 struct lod_stored_model *lod_store_model_open(struct lod_store *store, const char *id);

@@ -512,9 +512,8 @@ static enum lod_status run(struct bake *bake, double started) {
       .seconds = now_seconds() - started,
       .peak_bytes = lod_arena_peak_bytes(bake->arena),
   };
-  char *manifest = lod_manifest_text(&facts);
-  if (manifest == NULL)
-    return lod_fail_memory(bake->problem);
+  char *manifest = NULL;
+  LOD_TRY(lod_manifest_text(&facts, &manifest, bake->problem));
   enum lod_status status = lod_output_file(bake->request->directory_fd, "manifest.json", manifest, strlen(manifest), bake->problem);
   free(manifest);
   lod_progress_report(bake->request->progress, "done", 1);

@@ -5,6 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "codec/export/interop.h"
+
 /* Numbers are written with 9 digits, so an upper bound is first raised above what that rounding may take away. */
 static json_t *upper_bound(double value) {
   return json_real(value * (1 + 2e-9));
@@ -134,7 +136,39 @@ static json_t *settings_json(const struct lod_bake_request *request) {
   return json_pack("{so so ss}", "families", families, "epsilons", epsilons, "version", LOD_VERSION);
 }
 
-char *lod_manifest_text(const struct lod_manifest_facts *facts) {
+static enum lod_status add_document(json_t *manifest, const char *key, const char *type, const void *bytes, size_t size, int directory_fd,
+                                    struct lod_problem *problem) {
+  char object[LOD_HASH_HEX + 1];
+  LOD_TRY(lod_output_object(directory_fd, bytes, size, object, problem));
+  json_object_set_new(manifest, key, json_pack("{ss ss sI}", "object", object, "type", type, "bytes", (json_int_t)size));
+  return LOD_OK;
+}
+
+/* Levels lie beside both documents under their own names. */
+static enum lod_status add_documents(json_t *manifest, int directory_fd, struct lod_problem *problem) {
+  struct lod_interop_level levels[LOD_INTEROP_LEVELS];
+  uint32_t count = lod_interop_choose(manifest, levels);
+  char *tileset = NULL, *gltf = NULL;
+  uint8_t *glb = NULL;
+  size_t size = 0;
+  if (count == 0)
+    return LOD_OK;
+  enum lod_status status = lod_interop_tileset(manifest, levels, count, &tileset, problem);
+  if (status == LOD_OK)
+    status = add_document(manifest, "tileset", "application/json", tileset, strlen(tileset), directory_fd, problem);
+  if (status == LOD_OK)
+    status = lod_interop_gltf(manifest, levels, count, directory_fd, &gltf, problem);
+  if (status == LOD_OK)
+    status = lod_interop_glb(gltf, &glb, &size, problem);
+  if (status == LOD_OK)
+    status = add_document(manifest, "gltf", "model/gltf-binary", glb, size, directory_fd, problem);
+  free(tileset);
+  free(gltf);
+  free(glb);
+  return status;
+}
+
+enum lod_status lod_manifest_text(const struct lod_manifest_facts *facts, char **text_out, struct lod_problem *problem) {
   json_t *settings = settings_json(facts->request);
   char *settings_text = json_dumps(settings, JSON_COMPACT);
   char revision[LOD_HASH_HEX + 1] = "";
@@ -163,7 +197,8 @@ char *lod_manifest_text(const struct lod_manifest_facts *facts) {
   json_object_set_new(manifest, "parts", parts_json(facts));
   json_object_set_new(manifest, "textures", textures_json(facts));
   json_object_set_new(manifest, "bake", bake);
-  char *result = json_dumps(manifest, JSON_COMPACT | JSON_REAL_PRECISION(9));
+  enum lod_status status = add_documents(manifest, facts->request->directory_fd, problem);
+  *text_out = status == LOD_OK ? json_dumps(manifest, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
   json_decref(manifest);
-  return result;
+  return status == LOD_OK && *text_out == NULL ? lod_fail_memory(problem) : status;
 }

@@ -31,7 +31,8 @@ struct lod_manifest_facts {
   uint64_t peak_bytes;
 };
 
-/* JSON text, malloc'd: the caller frees. NULL when memory is out. */
-char *lod_manifest_text(const struct lod_manifest_facts *facts);
+/* JSON text, malloc'd: the caller frees. Writes the documents over the levels (codec/export/interop.h) as objects of the bake, of which all
+ * levels must be written already. */
+LOD_WARN_UNUSED enum lod_status lod_manifest_text(const struct lod_manifest_facts *facts, char **text_out, struct lod_problem *problem);
 
 #endif

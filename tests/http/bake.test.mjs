@@ -65,15 +65,45 @@ test('sphere becomes levels that fit what is asked for', async () => {
   assert.ok(Number(near.headers['lod-screen-error']) <= 1 || near.headers['lod-level'] === String(levels.length - 1));
 });
 
+test('documents over the levels: a tileset whose errors are the certified ones, a glTF whose buffers are the levels', async () => {
+  const { json: manifest } = await daemon.json('/v1/models/sphere');
+  const { headers, json: tileset } = await daemon.json('/v1/models/sphere/tileset.json');
+  assert.match(headers['content-type'], /^application\/json/);
+  assert.match(headers['cache-control'], /no-cache/);
+  assert.equal(tileset.asset.version, '1.1');
+  assert.ok(tileset.geometricError >= tileset.root.geometricError);
+  const levels = manifest.families.cluster.levels;
+  let tiles = 0;
+  for (let tile = tileset.root; tile; tile = tile.children?.[0]) {
+    const { body } = await daemon.curl(new URL(tile.content.uri, 'http://x/v1/models/sphere/tileset.json').pathname);
+    const level = levels.find(({ object }) => object === sha256(body));
+    assert.ok(Math.abs(tile.geometricError - level.error) <= 1e-8 * level.error);
+    const child = tile.children?.[0];
+    assert.ok(!child || (child.geometricError < tile.geometricError && child.boundingVolume.sphere[3] <= tile.boundingVolume.sphere[3]));
+    assert.ok(child || level === levels.at(-1), 'the finest level is the last tile');
+    tiles++;
+  }
+  assert.ok(tiles >= 3);
+  const { status, body } = await daemon.curl('/v1/models/sphere/model.glb');
+  assert.equal(status, 200);
+  const gltf = JSON.parse(body.subarray(20, 20 + body.readUInt32LE(12)));
+  assert.equal(gltf.buffers.length, tiles);
+  const root = gltf.nodes[gltf.scenes[gltf.scene].nodes[0]];
+  assert.equal(root.extensions.MSFT_lod.ids.length, tiles - 1);
+  assert.equal(root.extras.MSFT_screencoverage.length, tiles);
+  for (const buffer of gltf.buffers) assert.ok(levels.some(({ object, bytes }) => object === buffer.uri && bytes === buffer.byteLength));
+  for (const name of ['tileset.json', 'model.glb']) assert.equal((await daemon.curl(`/v1/models/none/${name}`)).status, 404);
+});
+
 test('a model is served with its first families, and then with the later ones too', async () => {
   const twice = await Daemon.start({ worker: path.join(build, 'lodestream'), later: 'envelope' });
   try {
     const file = path.join(twice.directory, 'upload');
-    fs.writeFileSync(file, sphere(40, 80).text);
+    fs.writeFileSync(file, sphere(24, 48).text);
     const { headers } = await twice.curl('/v1/models/ball', ['-T', file]);
     const first = await twice.finished(headers.location);
     assert.equal(first.state, 'done', JSON.stringify(first.problem));
-    const second = await twice.finished(`/v1/jobs/${first.next}`);
+    const second = await twice.finished(`/v1/jobs/${first.next}`, 60);
     assert.equal(second.state, 'done', JSON.stringify(second.problem));
     assert.equal(second.next, undefined);
     const { json: manifest } = await twice.json('/v1/models/ball');

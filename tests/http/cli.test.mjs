@@ -126,7 +126,7 @@ test('bake writes objects under their hashes, coarsest first, errors and triangl
   assert.equal(baked.id, 'ball');
   assert.equal(baked.source.sha256, sha256(fs.readFileSync(model)));
   assert.equal(baked.source.triangles, wavySphere(40).faces.length);
-  assert.deepEqual(objectsOf('ball'), [...new Set(levels.map((level) => level.object))].sort());
+  assert.deepEqual(objectsOf('ball'), [...new Set([...levels, baked.tileset, baked.gltf].map(({ object }) => object))].sort());
   levels.forEach((level, i) => {
     const bytes = fs.readFileSync(levelPath('ball', level));
     assert.equal(sha256(bytes), level.object);
@@ -255,6 +255,27 @@ test('exported tree is served by any file server, its levels find their textures
   const twice = await lodestream('export', 'sheet', '-o', 'site');
   assert.equal(twice.status, BAD_INPUT);
   assert.match(twice.stderr, /site/);
+});
+
+test('exported tiles and glTF name what lies beside them', async () => {
+  const manifest = manifestOf('sheet');
+  for (const [format, document] of [['3dtiles', 'tileset.json'], ['gltf', 'model.gltf']]) {
+    const out = `as-${format}`;
+    assert.equal((await lodestream('export', 'sheet', '-o', out, '--format', format)).status, DONE);
+    const json = JSON.parse(fs.readFileSync(at(out, document)));
+    const uris = format === 'gltf' ? json.buffers.map(({ uri }) => uri) : [];
+    for (let tile = json.root; tile; tile = tile.children?.[0]) uris.push(tile.content.uri);
+    const objects = uris.map((uri) => sha256(fs.readFileSync(at(out, uri))));
+    assert.equal(new Set(objects).size, objects.length);
+    assert.ok(objects.includes(manifest.families.cluster.levels.at(-1).object), 'the finest level is among them');
+    for (const uri of uris) {
+      const { images } = glbJson(fs.readFileSync(at(out, uri)));
+      for (const image of images) assert.ok(fs.existsSync(at(out, image.uri)), `${image.uri} beside ${uri}`);
+    }
+    for (const image of json.images ?? []) assert.ok(fs.existsSync(at(out, image.uri)));
+  }
+  const refused = await lodestream('export', 'sheet', '-o', 'no', '--format', 'gltf', '--viewer', 'site');
+  assert.equal(refused.status, USAGE);
 });
 
 test('get writes the level that a server chooses and says what it is; a refusal leaves no file', async () => {

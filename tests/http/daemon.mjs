@@ -98,11 +98,11 @@ export class Daemon {
     return this.finished(response.headers.location);
   }
 
-  async finished(job) {
+  async finished(job, seconds = 20) {
     return eventually(`${job} ends`, async () => {
       const { json } = await this.json(job);
       return (json.state === 'done' || json.state === 'failed') && json;
-    });
+    }, seconds);
   }
 
   // A bare connection; text and closed are kept up to date.

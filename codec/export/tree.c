@@ -1,4 +1,4 @@
-#include "codec/export/static.h"
+#include "codec/export/tree.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -10,6 +10,8 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "codec/export/interop.h"
 
 enum { HASH_HEX = 64 };
 
@@ -107,13 +109,21 @@ static bool is_plain_name(const char *text) {
          strspn(text, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.") == strlen(text);
 }
 
-static enum lod_status copy_object(struct export *e, json_t *owner, const char *as) {
-  const char *hash = json_string_value(json_object_get(owner, "object"));
+/* An object of the bake; as: its path in the tree, NULL = its own name. */
+static enum lod_status copy_named(struct export *e, const char *hash, const char *as) {
   if (!is_hash(hash))
     return lod_fail(e->problem, LOD_BAD_INPUT, "manifest", "The manifest names an object that is not 64 hexadecimal digits");
   char path[8 + HASH_HEX + 1];
   snprintf(path, sizeof path, "objects/%s", hash);
-  LOD_TRY(copy_file(e, e->bake, path, path));
+  return copy_file(e, e->bake, path, as == NULL ? hash : as);
+}
+
+/* The same beneath objects/, and under the name `as` too unless that is NULL. */
+static enum lod_status copy_object(struct export *e, json_t *owner, const char *as) {
+  const char *hash = json_string_value(json_object_get(owner, "object"));
+  char path[8 + HASH_HEX + 1];
+  snprintf(path, sizeof path, "objects/%.*s", HASH_HEX, hash == NULL ? "" : hash);
+  LOD_TRY(copy_named(e, hash, path));
   return as != NULL ? name_again(e, path, as) : LOD_OK;
 }
 
@@ -261,12 +271,42 @@ static enum lod_status read_manifest(struct export *e) {
   return LOD_OK;
 }
 
-static enum lod_status fill(struct export *e, const char *viewer_directory) {
+/* One document over levels beside it. */
+static enum lod_status fill_interop(struct export *e, enum lod_export_format format) {
+  struct lod_interop_level levels[LOD_INTEROP_LEVELS];
+  uint32_t count = lod_interop_choose(e->manifest, levels);
+  if (count == 0)
+    return lod_fail(e->problem, LOD_BAD_INPUT, "manifest", "The manifest names no level that is a GLB");
+  for (uint32_t i = 0; i < count; i++) {
+    snprintf(levels[i].uri, sizeof levels[i].uri, "%u.glb", i);
+    LOD_TRY(copy_named(e, levels[i].object, levels[i].uri));
+  }
+  size_t i;
+  json_t *texture;
+  json_array_foreach(json_object_get(e->manifest, "textures"), i, texture)
+      LOD_TRY(copy_named(e, json_string_value(json_object_get(texture, "object")), NULL));
+  char *text = NULL;
+  LOD_TRY(format == LOD_EXPORT_TILES ? lod_interop_tileset(e->manifest, levels, count, &text, e->problem)
+                                     : lod_interop_gltf(e->manifest, levels, count, e->bake, &text, e->problem));
+  enum lod_status status = write_text(e, format == LOD_EXPORT_TILES ? "tileset.json" : "model.gltf", text, strlen(text));
+  free(text);
+  return status;
+}
+
+static enum lod_status fill(struct export *e, enum lod_export_format format, const char *viewer_directory) {
+  if (format != LOD_EXPORT_STATIC)
+    return fill_interop(e, format);
   const char *name;
   json_t *family;
   LOD_TRY(make_directory(e, "objects"));
   LOD_TRY(make_directory(e, "families"));
   json_object_foreach(json_object_get(e->manifest, "families"), name, family) LOD_TRY(export_family(e, name, family));
+  static const char *const kDocuments[] = {"tileset", "gltf"};
+  for (size_t i = 0; i < sizeof kDocuments / sizeof kDocuments[0]; i++) {
+    json_t *document = json_object_get(e->manifest, kDocuments[i]);
+    if (document != NULL)
+      LOD_TRY(copy_object(e, document, NULL));
+  }
   if (viewer_directory != NULL)
     LOD_TRY(copy_viewer(e, viewer_directory));
   LOD_TRY(write_page(e, viewer_directory != NULL));
@@ -292,7 +332,8 @@ static void remove_tree(int parent, const char *name) {
   unlinkat(parent, name, AT_REMOVEDIR);
 }
 
-enum lod_status lod_export_static(int bake_directory_fd, const char *output, const char *viewer_directory, struct lod_problem *problem) {
+enum lod_status lod_export_tree(int bake_directory_fd, enum lod_export_format format, const char *output, const char *viewer_directory,
+                                struct lod_problem *problem) {
   struct export e = {.bake = bake_directory_fd, .output = -1, .name = output, .problem = problem};
   char path[4096];
   size_t length = strlen(output);
@@ -305,7 +346,7 @@ enum lod_status lod_export_static(int bake_directory_fd, const char *output, con
     status = io_failed(&e, "cannot make", path);
   else if (status == LOD_OK) {
     e.output = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    status = e.output < 0 ? io_failed(&e, "cannot open", path) : fill(&e, viewer_directory);
+    status = e.output < 0 ? io_failed(&e, "cannot open", path) : fill(&e, format, viewer_directory);
     char final[4096];
     snprintf(final, sizeof final, "%.*s", (int)length, output);
     /* mkdtemp makes it private. rename() takes the place of an empty directory and of nothing else. */

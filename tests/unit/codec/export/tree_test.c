@@ -1,4 +1,4 @@
-#include "codec/export/static.h"
+#include "codec/export/tree.h"
 
 #include <fcntl.h>
 #include <setjmp.h>
@@ -108,7 +108,7 @@ static void a_bake_becomes_a_tree_of_plain_files(void **state) {
   assert_int_equal(symlink("/etc/passwd", strcat(viewer, "/link")), 0);
   path_in(&folder, "viewer", viewer);
   struct lod_problem problem = {0};
-  if (lod_export_static(folder.bake, out, viewer, &problem) != LOD_OK)
+  if (lod_export_tree(folder.bake, LOD_EXPORT_STATIC, out, viewer, &problem) != LOD_OK)
     fail_msg("%s", problem.detail);
   expect(&folder, "out/manifest.json", kManifest);
   expect(&folder, "out/objects/" B, "level 1");
@@ -143,10 +143,10 @@ static void what_is_there_already_is_left_alone(void **state) {
   char out[512];
   path_in(&folder, "out", out);
   assert_int_equal(mkdir(out, 0755), 0);
-  assert_int_equal(lod_export_static(folder.bake, out, NULL, NULL), LOD_OK); /* empty: taken */
+  assert_int_equal(lod_export_tree(folder.bake, LOD_EXPORT_STATIC, out, NULL, NULL), LOD_OK); /* empty: taken */
   put(&folder, "out/mine", "precious");
   struct lod_problem problem = {0};
-  assert_int_equal(lod_export_static(folder.bake, out, NULL, &problem), LOD_BAD_INPUT);
+  assert_int_equal(lod_export_tree(folder.bake, LOD_EXPORT_STATIC, out, NULL, &problem), LOD_BAD_INPUT);
   assert_string_equal(problem.type, "output");
   expect(&folder, "out/mine", "precious");
   assert_int_equal(count_entries(&folder), 2);
@@ -169,7 +169,7 @@ static void a_manifest_that_lies_leaves_nothing_behind(void **state) {
     char out[512];
     path_in(&folder, "out", out);
     struct lod_problem problem = {0};
-    assert_int_equal(lod_export_static(folder.bake, out, NULL, &problem), LOD_BAD_INPUT);
+    assert_int_equal(lod_export_tree(folder.bake, LOD_EXPORT_STATIC, out, NULL, &problem), LOD_BAD_INPUT);
     assert_string_not_equal(problem.detail, "");
     assert_int_equal(count_entries(&folder), 1);
     finish(&folder);
