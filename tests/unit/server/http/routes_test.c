@@ -161,6 +161,8 @@ static void paths_lead_to_their_routes(void **state) {
       {"/v1/models/bunny/level?px=1", "/v1/models/{id}/level"},
       {"/v1/models/b/0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef", "/v1/models/{id}/{sha256}"},
       {"/v1/objects/0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef", "/v1/objects/{sha256}"},
+      {"/v1/models/b/tileset.json", "/v1/models/{id}/tileset.json"},
+      {"/v1/models/b/model.glb", "/v1/models/{id}/model.glb"},
       {"/v1/jobs/12", "/v1/jobs/{n}"},
       {"/v1/jobs/12/events", "/v1/jobs/{n}/events"},
       {"/viewer/", "/viewer/{path}"},
@@ -186,7 +188,7 @@ static void unknown_paths_are_404(void **state) {
                                        "/v1/jobs/x",
                                        "/v1/jobs/99999999999999999999",
                                        "/v1/objects/ABC",
-                                       "/v1/models/a/tileset.json",
+                                       "/v1/models/a/tileset.glb",
                                        "/viewer",
                                        "/favicon.ico"};
   for (size_t i = 0; i < sizeof kPaths / sizeof *kPaths; i++) {
