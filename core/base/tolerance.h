@@ -11,6 +11,11 @@ static inline double lod_tolerance_rounding(double magnitude) {
   return 64 * 0x1p-53 * magnitude;
 }
 
+/* Margin, relative to the largest coordinate, by which a certificate of a simplified surface narrows its epsilon: covers distances to
+ * planes whose unit normals come from triangles as thin as 0.01 (4 u / 0.01 = 5e-14 of the lengths involved), and corners of pieces cut up
+ * to 2000 times. A millionth of the smallest epsilon of use. */
+#define LOD_TOLERANCE_CERTIFICATE 0x1p-39
+
 /* A crease is an edge whose faces' normals differ by more than this (degrees), unless the caller says otherwise (Turk 1992, 2.1.4 of the
  * checklist). */
 #define LOD_TOLERANCE_CREASE_DEGREES 40.0

@@ -6,10 +6,9 @@
 #ifndef LOD_CORE_ENVELOPE_CERTIFICATE_H
 #define LOD_CORE_ENVELOPE_CERTIFICATE_H
 
+#include "core/envelope/backward.h"
 #include "core/envelope/surface.h"
 #include "core/mesh/bvh.h"
-
-enum { LOD_CERTIFICATE_MAX_FACES = 64 };
 
 struct lod_certificate;
 
@@ -29,25 +28,11 @@ void lod_certificate_set_epsilon(struct lod_certificate *certificate, double eps
 LOD_WARN_UNUSED enum lod_status lod_certificate_add_proxy(struct lod_certificate *certificate, const struct lod_mesh *proxy, double proven,
                                                           const uint32_t *triangle_of);
 
-struct lod_candidate {
-  struct lod_vec3 corner[3];
-  uint32_t face; /* the face that it will be, or is */
-};
-
-/* A change: faces `changing` will be gone or altered, `faces` (at most LOD_CERTIFICATE_MAX_FACES) are those that stand around it
- * afterwards: first the fresh_count new shapes, then unchanged neighbours, which certify too (without them the method jams at small
- * epsilon). */
-struct lod_change {
-  /* Adds the unchanged neighbours; called only when the new shapes alone do not certify. */
-  void (*gather)(void *context, struct lod_change *change);
-  void *context;
-  const uint32_t *changing;
-  uint32_t changing_count;
-  const struct lod_candidate *faces;
-  uint32_t face_count, fresh_count;
-  uint32_t hints[LOD_CERTIFICATE_MAX_FACES][3]; /* per fresh face and corner: a source triangle near it, or LOD_NONE */
-  uint32_t witness;                             /* in: a source triangle likely to fail, or LOD_NONE; out on failure: the one that did */
-};
+/* Charges every source triangle anew, to faces of the last proxy, which must be the surface as it stands. face_of: triangle of the proxy ->
+ * face; hints: per source triangle, a triangle of the proxy likely to be near. *proven false: some triangle could not be certified; then
+ * the charges are void. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_recharge(struct lod_certificate *certificate, const uint32_t *face_of,
+                                                         const uint32_t *hints, bool *proven);
 
 /* Whether the change keeps both directions within epsilon. *status: LOD_MEMORY when it could not be decided (then false is returned). */
 bool lod_certificate_try(struct lod_certificate *certificate, struct lod_change *change, enum lod_status *status);

@@ -14,14 +14,9 @@
  * cost a trial and fail. 2.5 loses no triangles (bunny, fandisk); 1 loses 3 to 7 %. */
 static const double GATE = 2.5;
 /* The first stage of a run: the share of epsilon that it may use, its gate, and how much larger than the last proxy's epsilon must be. */
-static const double STAGE_SHARE = 0.25, STAGE_GATE = 0.1, STAGE_STEP = 4;
+static const double STAGE_SHARE = 0.5, STAGE_GATE = 0.1, STAGE_STEP = 4;
 
 enum { WITNESS_SLOTS_LOG2 = 17, CANCEL_EVERY = 1024 };
-
-struct entry {
-  double cost;
-  uint32_t a, b, stamp_a, stamp_b;
-};
 
 struct witness {
   uint32_t a, b, triangle;
@@ -29,119 +24,7 @@ struct witness {
 };
 
 struct lod_collapse_settings lod_collapse_defaults(void) {
-  return (struct lod_collapse_settings){.flip_degrees = 75, .least_quality = 1e-3, .passes = 4};
-}
-
-static enum lod_status extract_surface(const struct lod_collapser *c, struct lod_arena *arena, struct lod_mesh *mesh, uint32_t *face_to);
-
-/* ---- queue ---- */
-
-static bool before(const struct entry *x, const struct entry *y) {
-  if (x->cost != y->cost)
-    return x->cost < y->cost;
-  return x->a != y->a ? x->a < y->a : x->b < y->b;
-}
-
-static enum lod_status push(struct lod_collapser *c, struct entry entry) {
-  if (c->heap_count == c->heap_capacity) {
-    size_t capacity = c->heap_capacity == 0 ? 4096 : 2 * c->heap_capacity;
-    struct entry *grown = LOD_NEW(c->arena, capacity, struct entry);
-    if (grown == NULL)
-      return LOD_MEMORY;
-    if (c->heap_count != 0)
-      memcpy(grown, c->heap, c->heap_count * sizeof *grown);
-    c->heap = grown;
-    c->heap_capacity = capacity;
-  }
-  size_t i = c->heap_count++;
-  while (i > 0 && before(&entry, &c->heap[(i - 1) / 2])) {
-    c->heap[i] = c->heap[(i - 1) / 2];
-    i = (i - 1) / 2;
-  }
-  c->heap[i] = entry;
-  return LOD_OK;
-}
-
-static struct entry pop(struct lod_collapser *c) {
-  struct entry top = c->heap[0], last = c->heap[--c->heap_count];
-  size_t i = 0;
-  for (;;) {
-    size_t child = 2 * i + 1;
-    if (child >= c->heap_count)
-      break;
-    if (child + 1 < c->heap_count && before(&c->heap[child + 1], &c->heap[child]))
-      child++;
-    if (!before(&c->heap[child], &last))
-      break;
-    c->heap[i] = c->heap[child];
-    i = child;
-  }
-  if (c->heap_count > 0)
-    c->heap[i] = last;
-  return top;
-}
-
-static struct lod_vec3 rounded(struct lod_vec3 p) {
-  return lod_vec3_make((double)(float)p.x, (double)(float)p.y, (double)(float)p.z);
-}
-
-/* Where the result may stand, best first; returns how many. */
-static int placements(const struct lod_collapser *c, uint32_t a, uint32_t b, bool b_stays, struct lod_vec3 place[4], double cost[4]) {
-  struct lod_vec3 pa = c->surface.position[a], pb = c->surface.position[b];
-  struct lod_quadric q = c->quadric[a];
-  lod_quadric_add(&q, &c->quadric[b]);
-  int count = 0;
-  place[count++] = pb;
-  if (!b_stays) {
-    place[count++] = pa;
-    if (!c->settings.vertex_subset) {
-      struct lod_vec3 middle = lod_vec3_scale(lod_vec3_add(pa, pb), 0.5), best;
-      place[count++] = rounded(middle);
-      double reach = 4 * lod_vec3_distance_squared(pa, pb);
-      if (lod_quadric_minimum(&q, middle, &best) && lod_vec3_distance_squared(best, middle) <= reach)
-        place[count++] = rounded(best);
-    }
-  }
-  for (int i = 0; i < count; i++)
-    cost[i] = fmax(0, lod_quadric_value(&q, place[i]));
-  for (int i = 1; i < count; i++)
-    for (int j = i; j > 0 && cost[j] < cost[j - 1]; j--) {
-      double t = cost[j];
-      struct lod_vec3 p = place[j];
-      cost[j] = cost[j - 1];
-      place[j] = place[j - 1];
-      cost[j - 1] = t;
-      place[j - 1] = p;
-    }
-  return count;
-}
-
-static enum lod_status push_edge(struct lod_collapser *c, uint32_t a, uint32_t b) {
-  const struct lod_surface *s = &c->surface;
-  if (s->kind[a] > s->kind[b] || (s->kind[a] == s->kind[b] && a > b)) { /* a is the one that may vanish */
-    uint32_t t = a;
-    a = b;
-    b = t;
-  }
-  if (s->kind[a] == LOD_VERTEX_CORNER)
-    return LOD_OK;
-  struct lod_vec3 place[4];
-  double cost[4];
-  placements(c, a, b, s->kind[a] != s->kind[b], place, cost);
-  /* Among edges of equal error (flat regions) short ones first: they keep triangles round. */
-  double length = lod_vec3_distance_squared(s->position[a], s->position[b]);
-  return push(c, (struct entry){cost[0] + 1e-9 * length * length, a, b, c->stamp[a], c->stamp[b]});
-}
-
-static enum lod_status push_all(struct lod_collapser *c) {
-  c->heap_count = 0;
-  for (uint32_t f = 0; f < c->surface.face_count; f++)
-    for (int k = 0; k < 3 && c->surface.face[f][0] != LOD_NONE; k++) {
-      uint32_t a = c->surface.face[f][k], b = c->surface.face[f][(k + 1) % 3];
-      if (a < b || (c->surface.feature[f] >> k & 1)) /* boundary edges have one face only */
-        LOD_TRY(push_edge(c, a, b));
-    }
-  return LOD_OK;
+  return (struct lod_collapse_settings){.flip_degrees = 75, .least_quality = 1e-3, .passes = 4, .draft = true};
 }
 
 /* ---- one collapse ---- */
@@ -167,24 +50,18 @@ static bool shape_allows(const struct lod_collapser *c, const struct lod_vec3 ol
   return quality >= c->settings.least_quality || quality >= face_quality(old, n_length);
 }
 
-struct attempt {
-  struct lod_collapser *collapser;
-  struct lod_change change;
-  uint32_t changing[160];
-  struct lod_candidate faces[LOD_CERTIFICATE_MAX_FACES];
-};
-
 static void mark_face(struct lod_collapser *c, uint32_t f) {
   c->face_mark[f] = c->mark;
 }
 
-/* Faces around (a, b) as they would be; false when the shapes forbid it or there are too many to certify with. */
-static bool gather_fresh(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct attempt *attempt) {
+bool lod_attempt_gather(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct lod_attempt *attempt) {
   const struct lod_surface *s = &c->surface;
   struct lod_change *change = &attempt->change;
   c->mark++;
   change->changing_count = change->face_count = 0;
-  for (int side = 0; side < 2; side++) {
+  const struct lod_vec3 at = s->position[b];
+  int sides = to.x == at.x && to.y == at.y && to.z == at.z ? 1 : 2; /* where b stays, its other faces do */
+  for (int side = 0; side < sides; side++) {
     uint32_t v = side == 0 ? a : b;
     const uint32_t *ring = lod_surface_ring(s, v);
     for (uint32_t i = 0; i < s->ring_count[v]; i++) {
@@ -218,7 +95,7 @@ static bool gather_fresh(struct lod_collapser *c, uint32_t a, uint32_t b, struct
 
 /* Unchanged faces around the ring: those that share an edge with it first, then those that share a vertex. */
 static void gather_neighbours(void *context, struct lod_change *change) {
-  struct attempt *attempt = context;
+  struct lod_attempt *attempt = context;
   struct lod_collapser *c = attempt->collapser;
   const struct lod_surface *s = &c->surface;
   for (int edges_only = 1; edges_only >= 0; edges_only--)
@@ -261,7 +138,7 @@ static enum lod_status update_after(struct lod_collapser *c, uint32_t b) {
       for (uint32_t j = 0; j < i && first; j++)
         first = s->face[ring[j]][0] != w && s->face[ring[j]][1] != w && s->face[ring[j]][2] != w;
       if (first)
-        LOD_TRY(push_edge(c, b, w));
+        LOD_TRY(lod_queue_push_edge(c, b, w));
     }
   return LOD_OK;
 }
@@ -289,14 +166,14 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
   uint32_t state = known ? ring_state(c, a, b) : 0;
   if (known && witness->state == state)
     return LOD_OK;
-  if (!lod_surface_can_collapse(&c->surface, a, b, &b_stays))
-    return LOD_OK;
   struct lod_vec3 place[4];
   double cost[4];
-  int count = placements(c, a, b, b_stays, place, cost);
+  int count = lod_collapser_placements(c, a, b, c->surface.kind[a] != c->surface.kind[b], place, cost);
   double gate = c->gate * (c->quadric[a].weight + c->quadric[b].weight);
+  if (cost[0] > gate || !lod_surface_can_collapse(&c->surface, a, b, &b_stays))
+    return LOD_OK;
   bool on_curve = c->surface.kind[a] == LOD_VERTEX_CURVE;
-  struct attempt attempt;
+  struct lod_attempt attempt;
   attempt.collapser = c;
   attempt.change.gather = gather_neighbours;
   attempt.change.context = &attempt;
@@ -308,7 +185,7 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
     uint32_t stands_for = LOD_NONE;
     if (on_curve && !lod_curves_allow(&c->curves, &c->surface, a, b, place[i], c->epsilon, &stands_for))
       continue;
-    if (!gather_fresh(c, a, b, place[i], &attempt))
+    if (!lod_attempt_gather(c, a, b, place[i], &attempt))
       continue;
     attempt.change.witness = known ? witness->triangle : LOD_NONE;
     enum lod_status status;
@@ -344,7 +221,7 @@ static enum lod_status offer_proxy(struct lod_collapser *c, double epsilon) {
   uint32_t *triangle_of = LOD_NEW(c->arena, c->surface.face_count, uint32_t);
   if (proxy == NULL || triangle_of == NULL)
     return LOD_MEMORY;
-  LOD_TRY(extract_surface(c, c->arena, proxy, triangle_of));
+  LOD_TRY(lod_collapser_extract_surface(c, c->arena, proxy, triangle_of));
   c->proxy_faces = c->surface.live_faces;
   c->proxy_epsilon = epsilon;
   return lod_certificate_add_proxy(c->certificate, proxy, epsilon, triangle_of);
@@ -354,9 +231,9 @@ static enum lod_status offer_proxy(struct lod_collapser *c, double epsilon) {
 static enum lod_status run_pass(struct lod_collapser *c, int places, const struct lod_progress *progress, uint32_t *collapsed) {
   uint32_t tried = 0;
   *collapsed = 0;
-  LOD_TRY(push_all(c));
+  LOD_TRY(lod_queue_push_all(c));
   while (c->heap_count > 0) {
-    struct entry e = pop(c);
+    struct lod_queue_entry e = lod_queue_pop(c);
     if (c->stamp[e.a] != e.stamp_a || c->stamp[e.b] != e.stamp_b)
       continue;
     if (++tried % CANCEL_EVERY == 0 && lod_progress_cancelled(progress))
@@ -378,25 +255,7 @@ static void set_epsilon(struct lod_collapser *c, double epsilon, double gate) {
     c->witnesses[i].state = 0;
 }
 
-enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
-  uint32_t collapsed;
-  if (epsilon > STAGE_STEP * c->proxy_epsilon) {
-    /* A first stage, of edges that surely collapse, whose result then answers most of the forward questions. */
-    set_epsilon(c, epsilon * STAGE_SHARE, STAGE_GATE);
-    LOD_TRY(run_pass(c, 1, progress, &collapsed));
-    LOD_TRY(offer_proxy(c, epsilon * STAGE_SHARE));
-  }
-  set_epsilon(c, epsilon, GATE);
-  for (uint32_t pass = 0; pass < c->settings.passes; pass++) {
-    uint32_t live = c->surface.live_faces;
-    LOD_TRY(run_pass(c, pass == 0 ? 1 : 4, progress, &collapsed));
-    if (collapsed * 200 < live)
-      break;
-  }
-  return offer_proxy(c, epsilon);
-}
-
-/* ---- set-up and result ---- */
+/* ---- set-up ---- */
 
 static void init_quadrics(struct lod_collapser *c) {
   const struct lod_surface *s = &c->surface;
@@ -480,6 +339,26 @@ static enum lod_status host_degenerate(struct lod_collapser *c) {
   return LOD_OK;
 }
 
+/* The source as the surface, each triangle charged to itself. */
+static enum lod_status start(struct lod_collapser *c) {
+  const struct lod_mesh *mesh = c->mesh;
+  LOD_TRY(lod_surface_create(mesh, c->feature_edges, c->arena, &c->surface));
+  LOD_TRY(lod_certificate_create(mesh, c->bvh, 0, c->arena, &c->certificate));
+  c->proxy_faces = mesh->triangle_count;
+  c->proxy_epsilon = 0;
+  c->kept_count = 0;
+  memset(c->quadric, 0, mesh->vertex_count * sizeof *c->quadric);
+  memset(c->witnesses, 0xff, ((size_t)1 << WITNESS_SLOTS_LOG2) * sizeof *c->witnesses);
+  for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+    c->merged[v] = v;
+    c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
+  }
+  LOD_TRY(lod_curves_create(mesh, &c->surface, c->arena, &c->curves));
+  LOD_TRY(host_degenerate(c));
+  init_quadrics(c);
+  return LOD_OK;
+}
+
 enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct lod_bvh *bvh, const uint8_t *feature_edges,
                                      const struct lod_collapse_settings *settings, struct lod_arena *arena,
                                      struct lod_collapser **collapser) {
@@ -487,126 +366,66 @@ enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct l
   if (c == NULL)
     return LOD_MEMORY;
   c->mesh = mesh;
+  c->bvh = bvh;
+  c->feature_edges = feature_edges;
   c->arena = arena;
-  c->proxy_faces = mesh->triangle_count;
   c->settings = settings == NULL ? lod_collapse_defaults() : *settings;
   c->least_normal_dot = cos(c->settings.flip_degrees * 0.017453292519943295);
-  LOD_TRY(lod_surface_create(mesh, feature_edges, arena, &c->surface));
-  LOD_TRY(lod_certificate_create(mesh, bvh, 0, arena, &c->certificate));
-  c->quadric = LOD_NEW_ZERO(arena, mesh->vertex_count, struct lod_quadric);
+  c->quadric = LOD_NEW(arena, mesh->vertex_count, struct lod_quadric);
   c->near = LOD_NEW(arena, mesh->vertex_count, uint32_t);
   c->stamp = LOD_NEW_ZERO(arena, mesh->vertex_count, uint32_t);
   c->face_mark = LOD_NEW_ZERO(arena, mesh->triangle_count, uint32_t);
+  c->merged = LOD_NEW(arena, mesh->vertex_count, uint32_t);
   c->witnesses = LOD_NEW(arena, (size_t)1 << WITNESS_SLOTS_LOG2, struct witness);
-  if (c->quadric == NULL || c->near == NULL || c->stamp == NULL || c->face_mark == NULL || c->witnesses == NULL)
+  if (c->quadric == NULL || c->near == NULL || c->stamp == NULL || c->face_mark == NULL || c->merged == NULL || c->witnesses == NULL)
     return LOD_MEMORY;
-  memset(c->witnesses, 0xff, ((size_t)1 << WITNESS_SLOTS_LOG2) * sizeof *c->witnesses);
-  for (uint32_t v = 0; v < mesh->vertex_count; v++)
-    c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
-  LOD_TRY(lod_curves_create(mesh, &c->surface, arena, &c->curves));
-  LOD_TRY(host_degenerate(c));
-  init_quadrics(c);
+  LOD_TRY(start(c));
   LOD_TRY(find_patches(c));
   *collapser = c;
   return LOD_OK;
 }
 
-/* Free edges and points of the source stay as they are, on vertices of their own. */
-static enum lod_status copy_loose(const struct lod_mesh *from, struct lod_arena *arena, struct lod_mesh *to) {
-  uint32_t added = 2 * from->edge_count + from->point_count;
-  if (added == 0)
+/* ---- stages ---- */
+
+/* A first stage: a draft made of bounds alone, whose result then answers most of the forward questions, and to whose faces the source's
+ * triangles are charged. */
+static enum lod_status draft_stage(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
+  uint32_t live = c->surface.live_faces;
+  double proven;
+  LOD_TRY(lod_draft_run(c, epsilon * STAGE_SHARE, progress, &proven));
+  if (c->surface.live_faces == live)
     return LOD_OK;
-  float(*positions)[3] = lod_arena_alloc(arena, (size_t)to->vertex_count + added, sizeof *positions);
-  to->edges = lod_arena_alloc(arena, from->edge_count, sizeof *to->edges);
-  to->points = LOD_NEW(arena, from->point_count, uint32_t);
-  if (positions == NULL || to->edges == NULL || to->points == NULL)
+  struct lod_mesh *proxy = LOD_NEW(c->arena, 1, struct lod_mesh);
+  uint32_t *triangle_of = LOD_NEW(c->arena, c->surface.face_count, uint32_t);
+  if (proxy == NULL || triangle_of == NULL)
     return LOD_MEMORY;
-  memcpy(positions, to->positions, to->vertex_count * sizeof *positions);
-  to->positions = positions;
-  for (uint32_t e = 0; e < from->edge_count; e++)
-    for (int k = 0; k < 2; k++) {
-      memcpy(positions[to->vertex_count], from->positions[from->edges[e][k]], sizeof *positions);
-      to->edges[e][k] = to->vertex_count++;
-    }
-  for (uint32_t p = 0; p < from->point_count; p++) {
-    memcpy(positions[to->vertex_count], from->positions[from->points[p]], sizeof *positions);
-    to->points[p] = to->vertex_count++;
-  }
-  to->edge_count = from->edge_count;
-  to->edge_thickness = from->edge_thickness;
-  to->edge_materials = from->edge_materials;
-  to->edge_parts = from->edge_parts;
-  to->point_count = from->point_count;
-  to->point_thickness = from->point_thickness;
-  to->point_materials = from->point_materials;
-  to->point_parts = from->point_parts;
+  LOD_TRY(lod_collapser_extract_surface(c, c->arena, proxy, triangle_of));
+  LOD_TRY(lod_certificate_add_proxy(c->certificate, proxy, proven, triangle_of));
+  c->proxy_faces = c->surface.live_faces;
+  c->proxy_epsilon = proven;
+  bool charged;
+  LOD_TRY(lod_draft_charge(c, triangle_of, &charged));
+  if (charged)
+    return LOD_OK;
+  /* Within epsilon by the map, but not shown face by face within the pieces allowed: without a draft, then. */
+  c->settings.draft = false;
+  LOD_TRY(start(c));
+  lod_certificate_set_epsilon(c->certificate, c->epsilon);
   return LOD_OK;
 }
 
-/* Positions and triangles of the live faces, then the degenerate triangles that stay; face_to: face -> triangle. */
-static enum lod_status extract_surface(const struct lod_collapser *c, struct lod_arena *arena, struct lod_mesh *mesh, uint32_t *face_to) {
-  const struct lod_surface *s = &c->surface;
-  struct lod_arena *scratch = lod_arena_create_child(arena);
-  uint32_t *vertex_to = scratch == NULL ? NULL : LOD_NEW(scratch, s->vertex_count, uint32_t);
-  uint32_t used = 0;
-  for (uint32_t v = 0; vertex_to != NULL && v < s->vertex_count; v++)
-    vertex_to[v] = s->ring_count[v] == 0 ? LOD_NONE : used++;
-  *mesh = (struct lod_mesh){.vertex_count = used};
-  mesh->triangles = lod_arena_alloc(arena, (size_t)s->live_faces + c->kept_count, sizeof *mesh->triangles);
-  mesh->positions = lod_arena_alloc(arena, (size_t)used + 3 * (size_t)c->kept_count, sizeof *mesh->positions);
-  if (vertex_to == NULL || mesh->triangles == NULL || mesh->positions == NULL) {
-    lod_arena_destroy(scratch);
-    return LOD_MEMORY;
+enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
+  uint32_t collapsed;
+  if (c->settings.draft && epsilon > STAGE_STEP * c->proxy_epsilon) {
+    set_epsilon(c, epsilon, STAGE_GATE * STAGE_SHARE * STAGE_SHARE);
+    LOD_TRY(draft_stage(c, epsilon, progress));
   }
-  for (uint32_t v = 0; v < s->vertex_count; v++)
-    if (vertex_to[v] != LOD_NONE)
-      lod_vec3_to_float(s->position[v], mesh->positions[vertex_to[v]]);
-  for (uint32_t f = 0; f < s->face_count; f++) {
-    face_to[f] = s->face[f][0] == LOD_NONE ? LOD_NONE : mesh->triangle_count++;
-    for (int k = 0; k < 3 && face_to[f] != LOD_NONE; k++)
-      mesh->triangles[face_to[f]][k] = vertex_to[s->face[f][k]];
+  set_epsilon(c, epsilon, GATE);
+  for (uint32_t pass = 0; pass < c->settings.passes; pass++) {
+    uint32_t live = c->surface.live_faces;
+    LOD_TRY(run_pass(c, pass == 0 ? 1 : 4, progress, &collapsed));
+    if (collapsed * 200 < live)
+      break;
   }
-  for (uint32_t i = 0; i < c->kept_count; i++) { /* on vertices of their own */
-    const uint32_t *v = c->mesh->triangles[c->kept[i]];
-    uint32_t *w = mesh->triangles[mesh->triangle_count];
-    for (int k = 0; k < 3; k++) {
-      w[k] = k > 0 && v[k] == v[0] ? w[0] : k > 1 && v[k] == v[1] ? w[1] : mesh->vertex_count;
-      if (w[k] == mesh->vertex_count)
-        memcpy(mesh->positions[mesh->vertex_count++], c->mesh->positions[v[k]], sizeof *mesh->positions);
-    }
-    face_to[c->kept[i]] = mesh->triangle_count++;
-  }
-  lod_arena_destroy(scratch);
-  return LOD_OK;
-}
-
-static enum lod_status copy_triangle_data(const struct lod_collapser *c, struct lod_arena *arena, const uint32_t *face_to,
-                                          struct lod_mesh *mesh) {
-  mesh->materials = c->mesh->materials == NULL ? NULL : LOD_NEW(arena, mesh->triangle_count, uint32_t);
-  mesh->parts = c->mesh->parts == NULL ? NULL : LOD_NEW(arena, mesh->triangle_count, uint32_t);
-  if ((c->mesh->materials != NULL && mesh->materials == NULL) || (c->mesh->parts != NULL && mesh->parts == NULL))
-    return LOD_MEMORY;
-  for (uint32_t f = 0; f < c->surface.face_count; f++) {
-    if (face_to[f] == LOD_NONE)
-      continue;
-    if (mesh->materials != NULL)
-      mesh->materials[face_to[f]] = c->mesh->materials[f];
-    if (mesh->parts != NULL)
-      mesh->parts[face_to[f]] = c->mesh->parts[f];
-  }
-  return LOD_OK;
-}
-
-enum lod_status lod_collapser_extract(const struct lod_collapser *c, struct lod_arena *arena, struct lod_mesh *mesh, uint32_t *nearby) {
-  struct lod_arena *scratch = lod_arena_create_child(arena);
-  uint32_t *face_to = scratch == NULL ? NULL : LOD_NEW(scratch, c->surface.face_count, uint32_t);
-  enum lod_status status = face_to == NULL ? LOD_MEMORY : extract_surface(c, arena, mesh, face_to);
-  if (status == LOD_OK)
-    status = copy_triangle_data(c, arena, face_to, mesh);
-  if (status == LOD_OK && nearby != NULL)
-    lod_certificate_charged(c->certificate, face_to, nearby);
-  if (status == LOD_OK)
-    status = copy_loose(c->mesh, arena, mesh);
-  lod_arena_destroy(scratch);
-  return status;
+  return offer_proxy(c, epsilon);
 }

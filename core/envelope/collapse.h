@@ -14,6 +14,7 @@ struct lod_collapse_settings {
   double flip_degrees;  /* a face may not turn by more than this in one collapse; default 75 */
   double least_quality; /* of new faces, 4 sqrt(3) area / sum of squared edges, unless the old were worse; default 1e-3 */
   uint32_t passes;      /* over all edges, until none of 1 % collapses; default 4 */
+  bool draft;           /* begin with collapses that are bounded by maps (draft.c), five times as fast; default true */
 };
 struct lod_collapse_settings lod_collapse_defaults(void);
 

@@ -144,7 +144,10 @@ static int divide_by_ball(const struct lod_forward *f, struct piece *piece, stru
     *refuter = centre;
     return REFUTED;
   }
-  return rest > 0 && squared <= rest * rest ? PROVEN : halve_with_hint(piece, near, parts);
+  if (!(rest > 0 && squared <= rest * rest))
+    return halve_with_hint(piece, near, parts);
+  piece->hint = near;
+  return PROVEN;
 }
 
 /* The edge of the triangle that corner `worst` hangs over farthest, -1 when it is above the triangle. */
@@ -224,8 +227,16 @@ static int divide(const struct lod_forward *f, struct piece *piece, struct piece
   return 2;
 }
 
+static void add_used(struct lod_forward_used *used, uint32_t triangle) {
+  if (used->count > 0 && used->count <= used->capacity && used->triangles[used->count - 1] == triangle)
+    return;
+  if (used->count < used->capacity)
+    used->triangles[used->count] = triangle;
+  used->count++;
+}
+
 enum lod_forward_answer lod_forward_test(const struct lod_forward *f, const struct lod_vec3 corner[3], uint32_t hint, uint32_t budget,
-                                         struct lod_vec3 *refuter) {
+                                         struct lod_vec3 *refuter, struct lod_forward_used *used) {
   struct piece stack[STACK];
   uint32_t depth = 1;
   memcpy(stack[0].corner, corner, 3 * sizeof *corner);
@@ -239,6 +250,8 @@ enum lod_forward_answer lod_forward_test(const struct lod_forward *f, const stru
     int count = divide(f, &piece, parts, refuter);
     if (count == REFUTED)
       return LOD_FORWARD_REFUTED;
+    if (count == PROVEN && used != NULL)
+      add_used(used, piece.hint);
     if (depth + (uint32_t)count > STACK)
       return LOD_FORWARD_OPEN;
     for (int i = 0; i < count; i++)

@@ -20,8 +20,13 @@ enum lod_forward_answer {
   LOD_FORWARD_OPEN,    /* `budget` pieces did not decide it */
 };
 
-/* hint: a source triangle near the centre, LOD_NONE = search. */
+/* Which source triangles proved it, each once in a row: an array for `capacity`, of which `count` were found, perhaps more. */
+struct lod_forward_used {
+  uint32_t *triangles, capacity, count;
+};
+
+/* hint: a source triangle near the centre, LOD_NONE = search. used: NULL = not asked for. */
 enum lod_forward_answer lod_forward_test(const struct lod_forward *forward, const struct lod_vec3 corner[3], uint32_t hint, uint32_t budget,
-                                         struct lod_vec3 *refuter);
+                                         struct lod_vec3 *refuter, struct lod_forward_used *used);
 
 #endif

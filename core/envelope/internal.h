@@ -8,11 +8,17 @@
 #include "core/envelope/surface.h"
 
 struct lod_quadric;
-struct entry;
 struct witness;
+
+struct lod_queue_entry {
+  double cost;
+  uint32_t a, b, stamp_a, stamp_b; /* stale when either vertex has another stamp now */
+};
 
 struct lod_collapser {
   const struct lod_mesh *mesh;
+  const struct lod_bvh *bvh;
+  const uint8_t *feature_edges;
   struct lod_arena *arena;
   uint32_t *patch; /* per source triangle: region between features; a face keeps to the patch of the triangle it began as */
   struct lod_collapse_settings settings;
@@ -24,7 +30,7 @@ struct lod_collapser {
   uint32_t *near;              /* per vertex: a source triangle near it */
   uint32_t *stamp;             /* per vertex: changes with it */
   uint32_t *face_mark, mark;
-  struct entry *heap;
+  struct lod_queue_entry *heap;
   size_t heap_count, heap_capacity;
   struct witness *witnesses;  /* direct-mapped by edge */
   uint32_t *kept, kept_count; /* degenerate source triangles that no face answers for */
@@ -32,6 +38,39 @@ struct lod_collapser {
   double gate;          /* mean squared distance to the planes around, above which an edge is not tried */
   uint32_t proxy_faces; /* of the last proxy */
   double proxy_epsilon; /* proven of it */
+  uint32_t *merged;     /* draft: per vertex, where it went; itself while it stands */
 };
+
+/* A collapse that is looked at. */
+struct lod_attempt {
+  struct lod_collapser *collapser;
+  struct lod_change change;
+  uint32_t changing[160];
+  struct lod_candidate faces[LOD_CERTIFICATE_MAX_FACES];
+};
+
+/* Faces around (a, b) as they would be after its collapse to `to`, and those that they come from; false when the shapes forbid it or there
+ * are too many to certify with. */
+bool lod_attempt_gather(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct lod_attempt *attempt);
+
+/* draft.c: collapses as many edges as bounds on the displacement of a map from the source to the surface allow, without a certificate.
+ * *proven: how far the surface may be from the source, both ways, at most `limit`. */
+LOD_WARN_UNUSED enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struct lod_progress *progress, double *proven);
+
+/* Charges the source's triangles to the faces of a draft that was just made the certificate's last proxy; *charged false: some could not.
+ */
+LOD_WARN_UNUSED enum lod_status lod_draft_charge(struct lod_collapser *c, const uint32_t *triangle_of, bool *charged);
+
+/* queue.c. push_edge puts the end that may vanish first; push_all starts afresh. */
+LOD_WARN_UNUSED enum lod_status lod_queue_push_edge(struct lod_collapser *c, uint32_t a, uint32_t b);
+LOD_WARN_UNUSED enum lod_status lod_queue_push_all(struct lod_collapser *c);
+struct lod_queue_entry lod_queue_pop(struct lod_collapser *c);
+
+/* Where the result of collapsing (a, b) may stand, and its quadric error there, best first; returns how many. */
+int lod_collapser_placements(const struct lod_collapser *c, uint32_t a, uint32_t b, bool b_stays, struct lod_vec3 place[4], double cost[4]);
+
+/* extract.c: positions and triangles of the live faces, then the degenerate triangles that stay; face_to: face -> triangle. */
+LOD_WARN_UNUSED enum lod_status lod_collapser_extract_surface(const struct lod_collapser *c, struct lod_arena *arena, struct lod_mesh *mesh,
+                                                              uint32_t *face_to);
 
 #endif
