@@ -1,0 +1,74 @@
+/* Curved levels of detail: a surface as cubic triangular patches, simplified patch by patch within a certified error.
+ *
+ * Based on: Gopi, Manocha. A Unified Approach for Simplifying Polygonal and Spline Models. 1998. Polygons become patches one by one (5.1),
+ * then vertices are removed: what T, star, 2T, T-in-T and swaps of diagonals do to the patches around a vertex (6) is done at once, in
+ * every way that they can be combined. All C-LODs live in one structure (8.1). Where we differ, and why:
+ * - Order: a priority queue on the certified error of the result, not a depth-first search for patterns. The paper's search, its inverse
+ *   de Casteljau merges and its accumulated estimate are in paper.h.
+ * - Shape: new edges and centres are fitted by least squares to what they cover; corners' tangent planes are kept.
+ * - Error: every patch knows which part of the source lies where in its domain, as triangles of source and domain that correspond one to
+ *   one (overlay.c); the control points of the difference bound the distance of corresponding points, so the two-sided distance to the
+ *   *source* is bounded and nothing accumulates. Where domain triangles fold the bound still holds: the map is onto.
+ * - Lines (boundaries, creases, borders of materials and parts) stay lines: vertices on them are merged along them alone.
+ *
+ * Bad input: edges of three triangles or of two that run the same way are cut, and stay as they are, straight; triangles that name a vertex
+ * twice are left out. Attributes other than normals, materials and parts are not carried. */
+#ifndef LOD_CORE_CLOD_CLOD_H
+#define LOD_CORE_CLOD_CLOD_H
+
+#include "core/base/parallel.h"
+#include "core/clod/patches.h"
+
+struct lod_clod;
+
+struct lod_clod_settings {
+  double crease_degrees; /* an edge that bends more is a crease; LOD_TOLERANCE_CREASE_DEGREES */
+  double corner_degrees; /* a line that turns more has a corner there, and no tangent; 45 */
+  double crease_length;  /* creases that add up to less of the diagonal, joined by vertices, count as smooth; 0.1 */
+  double centre_weight;  /* of the first guess of a centre against its samples, > 0; 0.02 */
+  double curve_weight;   /* of the first guess of an edge's inner points against its samples, > 0; 0.02 */
+  bool reparametrize;    /* move domain points to the nearest point of the patch once; true */
+};
+struct lod_clod_settings lod_clod_defaults(void);
+
+/* The C-Model of `mesh` (welded; not owned, must outlive it): a patch for every triangle. Everything lives in `arena`. LOD_MEMORY,
+ * LOD_LIMIT (over 2^28 triangles). */
+LOD_WARN_UNUSED enum lod_status lod_clod_create(const struct lod_mesh *mesh, const struct lod_clod_settings *settings,
+                                                struct lod_arena *arena, struct lod_clod **clod, struct lod_problem *problem);
+
+/* Removes vertices, least error first, until `patches` are left or every further removal would make a patch of more than `error` (model
+ * units; INFINITY = any). May be called again with less patches or more error. LOD_MEMORY, LOD_CANCELLED. */
+LOD_WARN_UNUSED enum lod_status lod_clod_simplify(struct lod_clod *clod, uint32_t patches, double error,
+                                                  const struct lod_progress *progress);
+
+/* Facts of now. error: bound of the two-sided distance to the source, model units. */
+struct lod_clod_facts {
+  uint32_t patches, vertices, edges;
+  uint32_t clod;      /* number of this C-LOD: how many removals were made */
+  double error;       /* max over patches */
+  uint64_t fragments; /* triangles of source and domain that correspond */
+  uint64_t tried;     /* removals evaluated so far */
+  size_t
+      history_bytes; /* of everything that all C-LODs so far need: corners, edges, patches with the numbers of the C-LODs that have them */
+};
+void lod_clod_facts(const struct lod_clod *clod, struct lod_clod_facts *facts);
+
+/* C-LOD number `number` (0 = the C-Model, up to facts.clod) with its adjacency, in `arena`. *error (may be NULL): its bound. LOD_MEMORY. */
+LOD_WARN_UNUSED enum lod_status lod_clod_extract(const struct lod_clod *clod, uint32_t number, struct lod_arena *arena,
+                                                 struct lod_patches *patches, double *error);
+
+/* A point of the source and where it lies on a patch: for tests and hints. */
+struct lod_clod_sample {
+  uint32_t patch; /* as lod_clod_extract(facts.clod) numbers them */
+  struct lod_barycentric at;
+  uint32_t face; /* source triangle */
+  struct lod_vec3 point;
+};
+/* Corresponding points of now, `per_side`^2 or so for each fragment, told one by one. */
+void lod_clod_samples(const struct lod_clod *clod, uint32_t per_side, void (*take)(void *context, const struct lod_clod_sample *sample),
+                      void *context);
+
+/* Structure agrees with itself: for assertions and tests. */
+bool lod_clod_check(const struct lod_clod *clod);
+
+#endif

@@ -1,0 +1,369 @@
+/* Removes vertices in order of the certified error that their removal leaves behind. */
+#include <math.h>
+#include <string.h>
+
+#include "core/clod/internal.h"
+
+/* ---- the queue: a binary heap of vertices by the error that their removal is expected to make ---- */
+
+struct entry {
+  double key;
+  uint32_t vertex;
+};
+
+struct clod_queue {
+  struct entry *heap;
+  uint32_t *place; /* by vertex: index in heap, LOD_NONE = not in it */
+  uint32_t count;
+  double reached; /* the largest error of a removal so far: what does not exceed it costs nothing */
+};
+
+static bool before(struct entry a, struct entry b) {
+  return a.key < b.key || (a.key == b.key && a.vertex < b.vertex);
+}
+
+static void put(struct clod_queue *queue, uint32_t i, struct entry entry) {
+  queue->heap[i] = entry;
+  queue->place[entry.vertex] = i;
+}
+
+static void sift_up(struct clod_queue *queue, uint32_t i) {
+  struct entry entry = queue->heap[i];
+  for (; i > 0 && before(entry, queue->heap[(i - 1) / 2]); i = (i - 1) / 2)
+    put(queue, i, queue->heap[(i - 1) / 2]);
+  put(queue, i, entry);
+}
+
+static void sift_down(struct clod_queue *queue, uint32_t i) {
+  struct entry entry = queue->heap[i];
+  for (;;) {
+    uint32_t child = 2 * i + 1;
+    if (child >= queue->count)
+      break;
+    child += child + 1 < queue->count && before(queue->heap[child + 1], queue->heap[child]);
+    if (!before(queue->heap[child], entry))
+      break;
+    put(queue, i, queue->heap[child]);
+    i = child;
+  }
+  put(queue, i, entry);
+}
+
+static void push(struct clod_queue *queue, uint32_t vertex, double key) {
+  uint32_t i = queue->place[vertex];
+  if (i == LOD_NONE)
+    i = queue->count++;
+  queue->heap[i] = (struct entry){key, vertex};
+  queue->place[vertex] = i;
+  sift_up(queue, i);
+  sift_down(queue, queue->place[vertex]);
+}
+
+static struct entry pop(struct clod_queue *queue) {
+  struct entry top = queue->heap[0], last = queue->heap[--queue->count];
+  queue->place[top.vertex] = LOD_NONE;
+  if (queue->count > 0) {
+    queue->heap[0] = last;
+    queue->place[last.vertex] = 0;
+    sift_down(queue, 0);
+  }
+  return top;
+}
+
+/* ---- trying a removal ---- */
+
+/* Edges from ring number i to j of polygon h that are made anew. */
+static void guess_diagonal(const struct lod_clod *clod, const struct clod_hole *hole, uint32_t h, uint32_t d, struct clod_end ends[2],
+                           struct lod_vec3 inner[2]) {
+  const struct clod_polygon *polygon = &hole->halves[h];
+  bool line = polygon->open && d == 0, sharp = line && (clod->edges[hole->line_edges[0]].flags & CLOD_SHARP) != 0;
+  for (int i = 0; i < 2; i++) {
+    uint32_t r = polygon->diagonals[d][i];
+    ends[i] = (struct clod_end){.p = clod->positions[polygon->ring[r]]};
+    if (!sharp)
+      ends[i].normal = clod_sector_normal(clod, polygon->sectors[r]);
+  }
+  for (int i = 0; i < 2; i++)
+    inner[i] = clod_inner_point(ends[i], ends[1 - i].p);
+  if (!sharp)
+    return;
+  struct lod_bezier_curve parts[2];
+  for (int i = 0; i < 2; i++) {
+    const struct clod_edge *edge = &clod->edges[hole->line_edges[i]];
+    uint32_t from = i == 0 ? polygon->ring[0] : hole->vertex;
+    bool along = edge->ends[0] == from;
+    parts[i] = (struct lod_bezier_curve){
+        {clod->positions[edge->ends[!along]], edge->inner[!along], edge->inner[along], clod->positions[edge->ends[along]]}};
+  }
+  double t;
+  struct lod_bezier_curve whole = lod_bezier_merge_curves(&parts[0], &parts[1], &t);
+  inner[0] = whole.p[1];
+  inner[1] = whole.p[2];
+}
+
+static enum lod_status fit_diagonals(struct lod_clod *clod, struct clod_hole *hole, uint32_t h) {
+  struct clod_polygon *polygon = &hole->halves[h];
+  for (uint32_t d = 0; d < polygon->diagonal_count; d++) {
+    struct lod_vec3 *inner = polygon->inner[d];
+    if (h == 1 && d == 0) { /* the line's edge, seen from its other side */
+      inner[0] = hole->halves[0].inner[0][1];
+      inner[1] = hole->halves[0].inner[0][0];
+      continue;
+    }
+    struct clod_end ends[2];
+    double *t;
+    struct lod_vec3 *samples;
+    uint32_t count;
+    guess_diagonal(clod, hole, h, d, ends, inner);
+    LOD_TRY(clod_local_sample(hole, h, d, &t, &samples, &count));
+    struct lod_vec3 guess[2] = {inner[0], inner[1]};
+    clod_fit_curve(ends, t, samples, count, clod->settings.curve_weight, inner);
+    if (!clod->settings.reparametrize)
+      continue;
+    struct lod_bezier_curve curve = {{ends[0].p, inner[0], inner[1], ends[1].p}};
+    clod_project_curve(&curve, samples, count, t);
+    clod_local_move_samples(hole, h, count);
+    inner[0] = guess[0];
+    inner[1] = guess[1];
+    clod_fit_curve(ends, t, samples, count, clod->settings.curve_weight, inner);
+  }
+  return LOD_OK;
+}
+
+/* Sides of the patch that was between ring vertices s and s + 1. */
+static uint32_t outer_side(const struct lod_clod *clod, const struct clod_polygon *polygon, uint32_t s) {
+  uint32_t old = polygon->old[s];
+  return clod->patches[old / 3].sides[(old % 3 + 1) % 3];
+}
+
+static void gather_net(const struct lod_clod *clod, const struct clod_polygon *polygon, uint32_t i, struct lod_bezier *net) {
+  for (uint32_t k = 0; k < 3; k++) {
+    net->p[k] = clod->positions[polygon->ring[polygon->triangles[i][k]]];
+    uint32_t name = polygon->sides[i][k];
+    if (name < CLOD_RING) {
+      uint32_t side = outer_side(clod, polygon, name);
+      net->p[3 + 2 * k] = clod->edges[side >> 1].inner[side & 1];
+      net->p[4 + 2 * k] = clod->edges[side >> 1].inner[1 - (side & 1)];
+    } else {
+      uint32_t d = name - CLOD_RING, against = polygon->diagonals[d][0] != polygon->triangles[i][k];
+      net->p[3 + 2 * k] = polygon->inner[d][against];
+      net->p[4 + 2 * k] = polygon->inner[d][1 - against];
+    }
+  }
+  lod_bezier_set_centre(net);
+}
+
+static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, double limit) {
+  hole->bound = 0;
+  for (uint32_t h = 0; h < hole->half_count && hole->bound <= limit; h++)
+    for (uint32_t i = 0; i < hole->halves[h].triangle_count && hole->bound <= limit; i++) {
+      struct lod_bezier *net = &hole->nets[h][i];
+      struct clod_node *nodes;
+      struct clod_cell *cells;
+      uint32_t node_count, cell_count;
+      clod_local_patch(hole, h, i, &nodes, &node_count, &cells, &cell_count);
+      gather_net(clod, &hole->halves[h], i, net);
+      struct lod_vec3 guess = net->p[LOD_BEZIER_CENTRE];
+      clod_fit_centre(clod, net, nodes, node_count, cells, cell_count);
+      if (clod->settings.reparametrize) {
+        clod_project_nodes(clod, net, nodes, node_count);
+        net->p[LOD_BEZIER_CENTRE] = guess;
+        clod_fit_centre(clod, net, nodes, node_count, cells, cell_count);
+      }
+      hole->bounds[h][i] = clod_patch_bound(clod, net, nodes, cells, cell_count, limit);
+      hole->bound = fmax(hole->bound, hole->bounds[h][i]);
+    }
+}
+
+/* hole->bound: what removing v would leave; INFINITY when it may not be removed, or would leave more than `limit`. */
+static enum lod_status try_removal(struct lod_clod *clod, uint32_t v, double limit) {
+  struct clod_hole *hole = clod->hole;
+  hole->bound = INFINITY;
+  clod->tried++;
+  if (!clod_hole_open(clod, v, hole)) {
+    hole->local_used = false;
+    return LOD_OK;
+  }
+  bool good;
+  hole->local_used = true;
+  LOD_TRY(clod_local_cut(clod, hole, &good));
+  for (uint32_t h = 0; h < hole->half_count && good; h++)
+    LOD_TRY(fit_diagonals(clod, hole, h));
+  if (good)
+    LOD_TRY(clod_local_deal(clod, hole, &good));
+  if (good)
+    fit_patches(clod, hole, limit);
+  return LOD_OK;
+}
+
+/* ---- making it so ---- */
+
+static void release_patch(struct lod_clod *clod, uint32_t p) {
+  struct clod_patch *patch = &clod->patches[p];
+  clod_pool_give(&clod->pool, patch->nodes, patch->node_count * sizeof *patch->nodes);
+  clod_pool_give(&clod->pool, patch->cells, patch->cell_count * sizeof *patch->cells);
+  patch->nodes = NULL;
+  patch->cells = NULL;
+  patch->died = clod->number;
+  for (uint32_t k = 0; k < 3; k++)
+    clod->edges[patch->sides[k] >> 1].users[patch->sides[k] & 1] = LOD_NONE;
+}
+
+static enum lod_status add_edges(struct lod_clod *clod, struct clod_hole *hole, uint32_t numbers[CLOD_HALVES][CLOD_RING]) {
+  for (uint32_t h = 0; h < hole->half_count; h++)
+    for (uint32_t d = 0; d < hole->halves[h].diagonal_count; d++) {
+      const struct clod_polygon *polygon = &hole->halves[h];
+      bool line = polygon->open && d == 0;
+      if (line && h == 1) {
+        numbers[1][0] = numbers[0][0];
+        continue;
+      }
+      if (!clod_grow(clod->arena, (void **)&clod->edges, &clod->edge_room, clod->edge_count + 1, sizeof *clod->edges))
+        return LOD_MEMORY;
+      numbers[h][d] = clod->edge_count;
+      struct clod_edge *edge = &clod->edges[clod->edge_count++];
+      *edge = (struct clod_edge){.users = {LOD_NONE, LOD_NONE}, .flags = line ? clod->edges[hole->line_edges[0]].flags : 0};
+      for (int i = 0; i < 2; i++) {
+        edge->ends[i] = polygon->ring[polygon->diagonals[d][i]];
+        edge->inner[i] = polygon->inner[d][i];
+      }
+    }
+  return LOD_OK;
+}
+
+static enum lod_status add_patch(struct lod_clod *clod, struct clod_hole *hole, uint32_t h, uint32_t i, const uint32_t *edges,
+                                 const uint32_t *outer) {
+  const struct clod_polygon *polygon = &hole->halves[h];
+  if (!clod_grow(clod->arena, (void **)&clod->patches, &clod->patch_room, clod->patch_count + 1, sizeof *clod->patches))
+    return LOD_MEMORY;
+  uint32_t p = clod->patch_count;
+  struct clod_patch *patch = &clod->patches[p];
+  const struct clod_patch *old = &clod->patches[polygon->old[0] / 3];
+  *patch = (struct clod_patch){.born = clod->number,
+                               .died = UINT32_MAX,
+                               .material = old->material,
+                               .part = old->part,
+                               .centre = hole->nets[h][i].p[LOD_BEZIER_CENTRE],
+                               .bound = hole->bounds[h][i]};
+  struct clod_node *nodes;
+  struct clod_cell *cells;
+  clod_local_patch(hole, h, i, &nodes, &patch->node_count, &cells, &patch->cell_count);
+  patch->nodes = clod_pool_take(&clod->pool, patch->node_count * sizeof *nodes);
+  patch->cells = clod_pool_take(&clod->pool, patch->cell_count * sizeof *cells);
+  if (patch->nodes == NULL || patch->cells == NULL)
+    return LOD_MEMORY;
+  memcpy(patch->nodes, nodes, patch->node_count * sizeof *nodes);
+  memcpy(patch->cells, cells, patch->cell_count * sizeof *cells);
+  clod->patch_count++;
+  for (uint32_t k = 0; k < 3; k++) {
+    uint32_t corner = polygon->triangles[i][k], name = polygon->sides[i][k];
+    patch->corners[k] = polygon->ring[corner];
+    patch->sectors[k] = polygon->sectors[corner];
+    clod->half[patch->corners[k]] = 3 * p + k;
+    if (name < CLOD_RING) {
+      patch->sides[k] = outer[name];
+    } else {
+      /* The line's edge was named by the first half, against which the second runs. */
+      uint32_t edge = edges[name - CLOD_RING];
+      patch->sides[k] = 2 * edge + (clod->edges[edge].ends[0] != patch->corners[k]);
+    }
+    clod->edges[patch->sides[k] >> 1].users[patch->sides[k] & 1] = 3 * p + k;
+  }
+  return LOD_OK;
+}
+
+static enum lod_status commit(struct lod_clod *clod) {
+  struct clod_hole *hole = clod->hole;
+  uint32_t numbers[CLOD_HALVES][CLOD_RING], outer[CLOD_HALVES][CLOD_RING];
+  clod->number++;
+  LOD_TRY(add_edges(clod, hole, numbers));
+  for (uint32_t h = 0; h < hole->half_count; h++)
+    for (uint32_t s = 0; s < hole->halves[h].old_count; s++)
+      outer[h][s] = outer_side(clod, &hole->halves[h], s);
+  for (uint32_t h = 0; h < hole->half_count; h++)
+    for (uint32_t s = 0; s < hole->halves[h].old_count; s++)
+      release_patch(clod, hole->halves[h].old[s] / 3);
+  for (uint32_t h = 0; h < hole->half_count; h++) {
+    const struct clod_polygon *polygon = &hole->halves[h];
+    for (uint32_t i = 0; i < polygon->triangle_count; i++)
+      LOD_TRY(add_patch(clod, hole, h, i, numbers[h], outer[h]));
+    clod->living_patches -= polygon->old_count - polygon->triangle_count;
+  }
+  clod->half[hole->vertex] = LOD_NONE;
+  clod->removable[hole->vertex] = 0;
+  clod->living_vertices--;
+  return clod_local_commit(clod, hole);
+}
+
+/* ---- the loop ---- */
+
+/* Cheap guess before a removal was tried: how far the vertex stands above its neighbours' mean. */
+static double guess_key(const struct lod_clod *clod, uint32_t v) {
+  uint32_t half = clod->half[v];
+  if (half == LOD_NONE)
+    return INFINITY;
+  struct lod_vec3 sum = {0, 0, 0};
+  double count = 0;
+  uint32_t at = half;
+  do {
+    sum = lod_vec3_add(sum, clod->positions[clod->patches[at / 3].corners[(at + 1) % 3]]);
+    count++;
+    at = clod_across(clod, at % 3 == 0 ? at + 2 : at - 1);
+  } while (at != LOD_NONE && at != half && count < 64);
+  struct lod_vec3 mean = lod_vec3_scale(sum, 1 / count);
+  struct lod_vec3 normal = clod_sector_normal(clod, clod->patches[half / 3].sectors[half % 3]);
+  return 0.1 * fabs(lod_vec3_dot(normal, lod_vec3_subtract(clod->positions[v], mean)));
+}
+
+static enum lod_status start(struct lod_clod *clod) {
+  clod->queue = LOD_NEW_ZERO(clod->arena, 1, struct clod_queue);
+  clod->hole = LOD_NEW_ZERO(clod->arena, 1, struct clod_hole);
+  if (clod->queue == NULL || clod->hole == NULL)
+    return LOD_MEMORY;
+  LOD_TRY(clod_local_create(clod->arena, &clod->hole->local));
+  clod->queue->heap = LOD_NEW(clod->arena, clod->vertex_count, struct entry);
+  clod->queue->place = LOD_NEW(clod->arena, clod->vertex_count, uint32_t);
+  if (clod->queue->heap == NULL || clod->queue->place == NULL)
+    return LOD_MEMORY;
+  memset(clod->queue->place, 0xff, clod->vertex_count * sizeof *clod->queue->place);
+  for (uint32_t v = 0; v < clod->vertex_count; v++)
+    if (clod->removable[v] != 0)
+      push(clod->queue, v, guess_key(clod, v));
+  return LOD_OK;
+}
+
+/* Those around a hole may be worth another try. */
+static void requeue_ring(struct lod_clod *clod, double key) {
+  const struct clod_hole *hole = clod->hole;
+  for (uint32_t h = 0; h < hole->half_count; h++)
+    for (uint32_t i = 0; i < hole->halves[h].size; i++) {
+      uint32_t v = hole->halves[h].ring[i];
+      if (clod->removable[v] != 0 && clod->queue->place[v] == LOD_NONE)
+        push(clod->queue, v, key);
+    }
+}
+
+enum lod_status lod_clod_simplify(struct lod_clod *clod, uint32_t patches, double error, const struct lod_progress *progress) {
+  if (clod->queue == NULL)
+    LOD_TRY(start(clod));
+  struct clod_queue *queue = clod->queue;
+  while (clod->living_patches > patches && queue->count > 0 && queue->heap[0].key <= error) {
+    if (clod->tried % 256 == 0 && lod_progress_cancelled(progress))
+      return LOD_CANCELLED;
+    struct entry top = pop(queue);
+    double next = queue->count > 0 ? queue->heap[0].key : INFINITY, enough = fmin(error, fmax(queue->reached, next));
+    LOD_TRY(try_removal(clod, top.vertex, INFINITY));
+    double bound = clod->hole->bound;
+    if (isfinite(bound) && bound <= enough) {
+      queue->reached = fmax(queue->reached, bound);
+      LOD_TRY(commit(clod));
+      requeue_ring(clod, bound);
+      continue;
+    }
+    if (clod->hole->local_used)
+      LOD_TRY(clod_local_abandon(clod, clod->hole));
+    if (isfinite(bound))
+      push(queue, top.vertex, bound);
+  }
+  return LOD_OK;
+}

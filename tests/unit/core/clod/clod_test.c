@@ -1,0 +1,281 @@
+/* C-LODs of meshes that one can draw. */
+#include "core/clod/clod.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/clod/tessellate.h"
+#include "core/mesh/distance.h"
+#include "core/mesh/topology.h"
+#include "tests/data/shapes.h"
+
+static struct lod_arena *arena;
+
+static int open_arena(void **state) {
+  (void)state;
+  arena = lod_arena_create(0);
+  return arena == NULL;
+}
+
+static int close_arena(void **state) {
+  (void)state;
+  lod_arena_destroy(arena);
+  return 0;
+}
+
+static struct lod_clod *model_of(const struct lod_mesh *mesh) {
+  struct lod_clod *clod;
+  assert_int_equal(lod_clod_create(mesh, NULL, arena, &clod, NULL), LOD_OK);
+  assert_true(lod_clod_check(clod));
+  return clod;
+}
+
+static struct lod_clod_facts simplify(struct lod_clod *clod, uint32_t patches, double error) {
+  struct lod_clod_facts facts;
+  assert_int_equal(lod_clod_simplify(clod, patches, error, NULL), LOD_OK);
+  assert_true(lod_clod_check(clod));
+  lod_clod_facts(clod, &facts);
+  return facts;
+}
+
+static struct lod_patches extract(const struct lod_clod *clod, uint32_t number, double *error) {
+  struct lod_patches patches;
+  assert_int_equal(lod_clod_extract(clod, number, arena, &patches, error), LOD_OK);
+  assert_true(lod_patches_check(&patches, NULL));
+  return patches;
+}
+
+static struct lod_tessellation tessellate(const struct lod_patches *patches, double tolerance) {
+  struct lod_tessellate_settings settings = lod_tessellate_defaults();
+  struct lod_tessellation result;
+  settings.tolerance = tolerance;
+  assert_int_equal(lod_tessellate(patches, &settings, arena, &result, NULL), LOD_OK);
+  assert_true(lod_mesh_check(&result.mesh, NULL));
+  return result;
+}
+
+struct sampled {
+  const struct lod_patches *patches;
+  const struct lod_mesh *mesh;
+  double worst;
+  uint64_t count;
+  double *area; /* of each source triangle, summed in units of its own */
+};
+
+static void take_sample(void *context, const struct lod_clod_sample *sample) {
+  struct sampled *s = context;
+  struct lod_bezier net = lod_patches_net(s->patches, sample->patch);
+  s->worst = fmax(s->worst, lod_vec3_distance(lod_bezier_point(&net, sample->at), sample->point));
+  s->count++;
+}
+
+/* Shared checklist 2.3.3: the bound holds at corresponding points, and the two-sided distance obeys it. */
+static void assert_bound_holds(const struct lod_mesh *mesh, struct lod_clod *clod) {
+  struct lod_clod_facts facts;
+  lod_clod_facts(clod, &facts);
+  double error;
+  struct lod_patches patches = extract(clod, facts.clod, &error);
+  assert_true(error == facts.error);
+  struct sampled sampled = {.patches = &patches, .mesh = mesh};
+  lod_clod_samples(clod, 6, take_sample, &sampled);
+  assert_true(sampled.count > 0 && sampled.worst <= facts.error);
+  struct lod_tessellation flat = tessellate(&patches, fmax(0.05 * facts.error, 1e-4));
+  struct lod_distance distance;
+  struct lod_distance_settings settings = lod_distance_defaults();
+  settings.absolute = 1e-5;
+  assert_int_equal(lod_distance_measure(mesh, &flat.mesh, &settings, arena, &distance), LOD_OK);
+  assert_true(distance.two_sided.lower <= facts.error + flat.deviation + 1e-6);
+}
+
+static void every_triangle_becomes_a_patch_that_meets_its_corners(void **state) {
+  (void)state;
+  struct lod_mesh sphere = lod_shape_sphere(arena, 1, 2);
+  struct lod_clod *clod = model_of(&sphere);
+  double error;
+  struct lod_patches patches = extract(clod, 0, &error);
+  assert_int_equal(patches.patch_count, sphere.triangle_count);
+  for (uint32_t p = 0; p < patches.patch_count; p++) {
+    struct lod_bezier net = lod_patches_net(&patches, p);
+    /* Closer to the sphere than the flat triangle is. */
+    struct lod_vec3 centre = lod_bezier_point(&net, (struct lod_barycentric){1.0 / 3, 1.0 / 3, 1.0 / 3});
+    assert_true(fabs(lod_vec3_length(centre) - 1) < 2e-3);
+  }
+  assert_bound_holds(&sphere, clod);
+  assert_true(lod_patches_normal_gap(&patches, 8) < 3);
+}
+
+static void the_bound_holds_at_every_stage(void **state) {
+  (void)state;
+  struct lod_mesh shapes[4] = {lod_shape_sphere(arena, 1, 4), lod_shape_torus(arena, 1, 0.4, 60, 30), lod_shape_grid(arena, 2, 30, 0.3),
+                               lod_shape_tube(arena, 0.5, 3, 40, 30)};
+  static const uint32_t kShares[] = {4, 16, 40};
+  for (int i = 0; i < 4; i++) {
+    struct lod_clod *clod = model_of(&shapes[i]);
+    for (int k = 0; k < 3; k++) {
+      uint32_t wanted = shapes[i].triangle_count / kShares[k];
+      struct lod_clod_facts facts = simplify(clod, wanted, INFINITY);
+      assert_true(facts.patches <= wanted + 2 || k == 2);
+      assert_bound_holds(&shapes[i], clod);
+    }
+  }
+}
+
+static void an_error_asked_for_is_not_exceeded(void **state) {
+  (void)state;
+  struct lod_mesh torus = lod_shape_torus(arena, 1, 0.4, 80, 40);
+  struct lod_clod *clod = model_of(&torus);
+  struct lod_clod_facts facts = simplify(clod, 0, 0.01);
+  assert_true(facts.error <= 0.01);
+  /* Triangles need some 2 800 for this (chord height r a^2 / 8 around both circles); cubics need few. */
+  assert_true(facts.patches < 250);
+}
+
+static void topology_stays(void **state) {
+  (void)state;
+  struct lod_mesh torus = lod_shape_torus(arena, 1, 0.4, 60, 30);
+  struct lod_clod *clod = model_of(&torus);
+  struct lod_clod_facts facts = simplify(clod, 60, INFINITY);
+  struct lod_patches patches = extract(clod, facts.clod, NULL);
+  struct lod_tessellation flat = tessellate(&patches, 0.01);
+  struct lod_topology topology;
+  assert_int_equal(lod_topology_measure(&flat.mesh, NULL, arena, &topology), LOD_OK);
+  assert_true(topology.closed && topology.manifold && topology.oriented);
+  assert_int_equal(topology.genus, 1);
+  assert_int_equal(topology.components, 1);
+}
+
+/* P3-7 */
+static void a_cube_keeps_its_twelve_edges(void **state) {
+  (void)state;
+  struct lod_mesh cube = lod_shape_cube(arena, 1);
+  struct lod_clod *clod = model_of(&cube);
+  struct lod_clod_facts facts = simplify(clod, 0, INFINITY);
+  assert_int_equal(facts.patches, 12);
+  assert_true(facts.error < 1e-12);
+  struct lod_patches patches = extract(clod, 0, NULL);
+  uint32_t sharp = 0;
+  for (uint32_t e = 0; e < patches.edge_count; e++)
+    sharp += patches.sharp[e];
+  assert_int_equal(sharp, 12);
+  assert_int_equal(patches.normal_count, 24);
+}
+
+static void a_boundary_stays_a_boundary(void **state) {
+  (void)state;
+  struct lod_mesh grid = lod_shape_grid(arena, 2, 24, 0.2);
+  struct lod_clod *clod = model_of(&grid);
+  struct lod_clod_facts facts = simplify(clod, 100, 0.05);
+  struct lod_patches patches = extract(clod, facts.clod, NULL);
+  struct lod_tessellation flat = tessellate(&patches, 0.005);
+  struct lod_topology topology;
+  assert_int_equal(lod_topology_measure(&flat.mesh, NULL, arena, &topology), LOD_OK);
+  assert_int_equal(topology.boundary_loops, 1);
+  assert_int_equal(topology.euler, 1);
+  assert_bound_holds(&grid, clod);
+}
+
+/* P3-19: any C-LOD comes out of the structure as it was when it was the last one. */
+static void all_levels_live_in_one_structure(void **state) {
+  (void)state;
+  struct lod_mesh sphere = lod_shape_sphere(arena, 1, 3);
+  struct lod_clod *clod = model_of(&sphere);
+  struct lod_clod_facts middle = simplify(clod, 400, INFINITY);
+  double then, now;
+  struct lod_patches before = extract(clod, middle.clod, &then);
+  struct lod_clod_facts last = simplify(clod, 60, INFINITY);
+  assert_true(last.patches < middle.patches && last.clod > middle.clod);
+  struct lod_patches after = extract(clod, middle.clod, &now);
+  assert_true(then == now);
+  assert_int_equal(before.patch_count, after.patch_count);
+  assert_int_equal(before.vertex_count, after.vertex_count);
+  assert_memory_equal(before.corners, after.corners, before.patch_count * sizeof *before.corners);
+  assert_memory_equal(before.partners, after.partners, before.patch_count * sizeof *before.partners);
+  assert_memory_equal(before.centres, after.centres, before.patch_count * sizeof *before.centres);
+  assert_memory_equal(before.inner, after.inner, before.edge_count * sizeof *before.inner);
+  assert_int_equal(extract(clod, 0, NULL).patch_count, sphere.triangle_count);
+}
+
+static void the_same_input_gives_the_same_bits(void **state) {
+  (void)state;
+  struct lod_mesh torus = lod_shape_torus(arena, 1, 0.3, 40, 20);
+  struct lod_patches first, second;
+  struct lod_clod *a = model_of(&torus), *b = model_of(&torus);
+  first = extract(a, simplify(a, 100, INFINITY).clod, NULL);
+  second = extract(b, simplify(b, 100, INFINITY).clod, NULL);
+  assert_int_equal(first.patch_count, second.patch_count);
+  assert_memory_equal(first.centres, second.centres, first.patch_count * sizeof *first.centres);
+  assert_memory_equal(first.inner, second.inner, first.edge_count * sizeof *first.inner);
+}
+
+/* P3-21 (i): two patches with the same corners and edges, back to back. */
+static void a_pillow_of_two_patches_is_left_alone(void **state) {
+  (void)state;
+  float positions[3][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  uint32_t triangles[2][3] = {{0, 1, 2}, {0, 2, 1}};
+  struct lod_mesh pillow = {.vertex_count = 3, .triangle_count = 2, .positions = positions, .triangles = triangles};
+  struct lod_clod *clod = model_of(&pillow);
+  struct lod_clod_facts facts = simplify(clod, 0, INFINITY);
+  assert_int_equal(facts.patches, 2);
+  assert_int_equal(facts.edges, 3);
+  struct lod_patches patches = extract(clod, 0, NULL);
+  assert_true(isfinite(lod_patches_bounds(&patches).max[0]));
+}
+
+/* Trap 14 of the shared list: a tetrahedron would close up into two patches that share three edges. */
+static void a_tetrahedron_does_not_close_up(void **state) {
+  (void)state;
+  float positions[4][3] = {{1, 1, 1}, {1, -1, -1}, {-1, 1, -1}, {-1, -1, 1}};
+  uint32_t triangles[4][3] = {{0, 1, 2}, {0, 3, 1}, {0, 2, 3}, {1, 3, 2}};
+  struct lod_mesh tetrahedron = {.vertex_count = 4, .triangle_count = 4, .positions = positions, .triangles = triangles};
+  struct lod_clod_settings settings = lod_clod_defaults();
+  settings.crease_degrees = 180;
+  struct lod_clod *clod;
+  assert_int_equal(lod_clod_create(&tetrahedron, &settings, arena, &clod, NULL), LOD_OK);
+  assert_int_equal(simplify(clod, 0, INFINITY).patches, 4);
+}
+
+static void damaged_meshes_are_taken_as_they_are(void **state) {
+  (void)state;
+  struct lod_mesh soup = lod_shape_soup(arena, 200, 0.2, 3), welded;
+  assert_int_equal(lod_mesh_weld(&soup, arena, &welded, NULL), LOD_OK);
+  simplify(model_of(&welded), 0, INFINITY);
+  /* Three triangles on one edge, one of them also turned over, and one that names a vertex twice. */
+  float positions[5][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, -1, 0}};
+  uint32_t triangles[5][3] = {{0, 1, 2}, {0, 1, 3}, {1, 0, 4}, {2, 2, 3}, {0, 0, 0}};
+  struct lod_mesh fan = {.vertex_count = 5, .triangle_count = 5, .positions = positions, .triangles = triangles};
+  struct lod_clod *clod = model_of(&fan);
+  struct lod_clod_facts facts = simplify(clod, 0, INFINITY);
+  assert_int_equal(facts.patches, 3);
+  assert_bound_holds(&fan, clod);
+}
+
+static void a_mesh_without_triangles_gives_nothing(void **state) {
+  (void)state;
+  struct lod_mesh nothing = {0};
+  struct lod_clod *clod = model_of(&nothing);
+  assert_int_equal(simplify(clod, 0, INFINITY).patches, 0);
+  assert_int_equal(extract(clod, 0, NULL).patch_count, 0);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(every_triangle_becomes_a_patch_that_meets_its_corners),
+      cmocka_unit_test(the_bound_holds_at_every_stage),
+      cmocka_unit_test(an_error_asked_for_is_not_exceeded),
+      cmocka_unit_test(topology_stays),
+      cmocka_unit_test(a_cube_keeps_its_twelve_edges),
+      cmocka_unit_test(a_boundary_stays_a_boundary),
+      cmocka_unit_test(all_levels_live_in_one_structure),
+      cmocka_unit_test(the_same_input_gives_the_same_bits),
+      cmocka_unit_test(a_pillow_of_two_patches_is_left_alone),
+      cmocka_unit_test(a_tetrahedron_does_not_close_up),
+      cmocka_unit_test(damaged_meshes_are_taken_as_they_are),
+      cmocka_unit_test(a_mesh_without_triangles_gives_nothing),
+  };
+  return cmocka_run_group_tests(tests, open_arena, close_arena);
+}
