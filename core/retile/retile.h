@@ -19,8 +19,10 @@
  *
  * Creases are lines from the coarsest level on whose vertices can afford them; other lines in every level.
  *
- * Not built: fragments (Turk 1992, 6.2: finer triangles cut along coarse edges; `flat` says where their corners lie, and
- * lod_retile_check_map how many triangles lie on one coarse triangle, and how many of these fold); P1-18 greedy triangulation and P1-22 the
+ * Fragments (Turk 1992, 6.2) are core/mesh/overlay.h's, which any nested family can use; `flat` is the record of removal, and
+ * lod_retile_check_map says how many of its triangles lie on one coarse triangle, and how many of these fold.
+ *
+ * Not built: P1-18 greedy triangulation and P1-22 the
  * 14 planes as modes; P1-35 anisotropic spacing; P1-37 placement led by the measured error; P1-38 removal of small parts and handles: a
  * part keeps at least the vertices of its topology. A vertex with more than 62 triangles, or on a narrow strip between two lines, may be
  * retained. Points inside non-manifold cuts and along their edges are neither added nor removed. */
