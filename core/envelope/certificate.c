@@ -299,6 +299,18 @@ enum lod_status lod_certificate_recharge(struct lod_certificate *c, const uint32
   return LOD_OK;
 }
 
+enum lod_status lod_certificate_adopt(struct lod_certificate *c, const struct lod_certificate *from, const uint32_t *face_to) {
+  for (uint32_t f = 0; f < c->source->triangle_count; f++)
+    c->charges[f].count = 0;
+  for (uint32_t f = 0; f < c->source->triangle_count; f++)
+    for (uint32_t i = 0; i < from->charges[f].count && face_to[f] != LOD_NONE; i++) {
+      struct charge charge = from->charges[f].items[i];
+      if (charge.version == from->version[charge.triangle])
+        LOD_TRY(charge_face(c, face_to[f], charge.triangle));
+    }
+  return LOD_OK;
+}
+
 enum lod_status lod_certificate_commit(struct lod_certificate *c, const struct lod_change *change) {
   for (uint32_t i = 0; i < change->changing_count; i++)
     c->charges[change->changing[i]].count = 0; /* all of them are charged anew below */

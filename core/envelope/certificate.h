@@ -19,6 +19,11 @@ LOD_WARN_UNUSED enum lod_status lod_certificate_create(const struct lod_mesh *so
 /* From now on `face` answers for the source triangle alone: all of it must be part of that face. */
 LOD_WARN_UNUSED enum lod_status lod_certificate_move(struct lod_certificate *certificate, uint32_t triangle, uint32_t face);
 
+/* Takes over what another certificate of the same source proves, with its faces renumbered: face_to[its face] is the face here, LOD_NONE
+ * for those that are gone. A face may answer for a source triangle together with others. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_adopt(struct lod_certificate *certificate, const struct lod_certificate *from,
+                                                      const uint32_t *face_to);
+
 /* A larger epsilon keeps every certificate valid. */
 void lod_certificate_set_epsilon(struct lod_certificate *certificate, double epsilon);
 
