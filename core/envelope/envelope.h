@@ -6,12 +6,15 @@
  * - Every level is certified against the source, not against the level before: epsilons do not add up over the cascade (P4-16).
  * - Lines (boundaries, seams, creases, borders of materials) are certified against the source's lines as well (curves.h; P4-14).
  *
- * Not built: the candidate cover itself with its reported bound (P4-3 to P4-12), epsilon per region (P4-15), flips and relocation after the
- * collapses, and a test that no face newly crosses another: levels keep the topology, but may intersect themselves where the source comes
- * closer to itself than epsilon. */
+ * The candidate cover itself, with its reported bound, is cover.h; better.h takes the better of both.
+ *
+ * Not built: epsilon per region of the collapse (P4-15; the cover has it), flips and relocation after the collapses, and a test that no
+ * face newly crosses another: levels keep the topology, but may intersect themselves where the source comes closer to itself than epsilon.
+ */
 #ifndef LOD_CORE_ENVELOPE_ENVELOPE_H
 #define LOD_CORE_ENVELOPE_ENVELOPE_H
 
+#include "core/envelope/better.h"
 #include "core/envelope/collapse.h"
 #include "core/level/hierarchy.h"
 
@@ -32,6 +35,7 @@ struct lod_envelope_settings {
   double least_gain;     /* a level that saves less than this share of the triangles of the one before is left out; 0 = none; 0.1 */
   double crease_degrees; /* an edge across which the source's own normals jump by more is a crease and stays a line; 30 */
   struct lod_collapse_settings collapse;
+  struct lod_better_settings better;   /* where the cover (cover.h) goes on, or does better */
   struct lod_envelope_report *reports; /* one an epsilon, caller's; or NULL */
   uint32_t threads;                    /* as lod_parallel_for; results do not depend on it */
 };

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/envelope/better.h"
 #include "core/envelope/internal.h"
 
 /* Shares of the diagonal, finest first. */
@@ -14,7 +15,8 @@ const double *lod_envelope_ladder(uint32_t *count) {
 }
 
 struct lod_envelope_settings lod_envelope_defaults(void) {
-  return (struct lod_envelope_settings){.reserve = 0.12, .least_gain = 0.1, .crease_degrees = 30, .collapse = lod_collapse_defaults()};
+  return (struct lod_envelope_settings){
+      .reserve = 0.12, .least_gain = 0.1, .crease_degrees = 30, .collapse = lod_collapse_defaults(), .better = lod_better_defaults()};
 }
 
 /* One unit on its way through the ladder. */
@@ -63,6 +65,9 @@ static enum lod_status extract_unit(struct ladder *ladder, uint32_t u) {
     return LOD_MEMORY;
   LOD_TRY(lod_collapser_extract(run->collapser, run->level_arena, &ladder->meshes[u], ladder->nearby[u]));
   LOD_TRY(lod_envelope_sample_attributes(run->collapser, run->level_arena, &ladder->meshes[u]));
+  struct lod_better_report better;
+  LOD_TRY(lod_envelope_better(run->collapser, ladder->epsilon / run->unit->scale, &ladder->settings->better, ladder->progress,
+                              run->level_arena, &ladder->meshes[u], ladder->nearby[u], &better));
   run->report = (struct lod_envelope_report){0};
   return ladder->report == NULL ? LOD_OK
                                 : lod_envelope_measure_attributes(run->collapser, run->level_arena, &ladder->meshes[u], &run->report);
