@@ -58,7 +58,7 @@ OBJ_cli := $(call objects,$(filter-out clients/cli/main.c,$(SRC_cli)))
 UNIT := $(patsubst %.c,$(B)/%,$(shell find tests/unit tests/property tests/golden -name '*_test.c' 2>/dev/null | LC_ALL=C sort))
 BENCH := $(patsubst %.c,$(B)/%,$(wildcard tests/bench/*_bench.c))
 FUZZ := $(patsubst %.c,$(B)/%,$(wildcard tests/fuzz/*_fuzz.c))
-HELPERS := $(call objects,$(wildcard tests/data/*.c))
+HELPERS := $(call objects,$(wildcard tests/data/*.c tests/bench/load/*.c))
 
 .PHONY: all help run test test-only bench lint format sanitize fuzz install clean deps web programs unit-tests fuzz-replay
 all: programs

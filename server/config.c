@@ -38,6 +38,8 @@ static const struct setting {
      "Least level that is logged: debug, info, warn, error or off; a request is info."},
     {"loops", "N", COUNT, AT(loops), "0", 0, 256, "Event loops, each a thread with a listener of its own; 0: one a processor."},
     {"connections", "N", COUNT, AT(connections), "4096", 4, 1000000, "Connections at once over all loops; more wait in the backlog."},
+    {"address-connections", "N", COUNT, AT(address_connections), "1024", 0, 1000000,
+     "Connections of one address (IPv6: of one /64 network); more are answered 503. 0: no limit, for use behind a proxy."},
     {"header-seconds", "N", COUNT, AT(header_seconds), "10", 1, 3600,
      "From a request's first byte to the end of its headers; longer is cut."},
     {"idle-seconds", "N", COUNT, AT(idle_seconds), "60", 1, 86400, "A connection without a request is closed after this long."},

@@ -115,12 +115,16 @@ void lod_log_write_request(const struct lod_log_request *request) {
     add_quoted(&line, request->target);
     add(&line, ",\"status\":%u,\"bytes\":%llu,\"seconds\":%.6f,\"peer\":\"%s\"", request->status, (unsigned long long)request->bytes,
         request->seconds, request->peer);
+    if (request->id && *request->id)
+      add(&line, ",\"request\":\"%s\"", request->id);
     if (request->note)
       add(&line, ",\"note\":\"%s\"", request->note);
   } else {
     add(&line, " %s %s ", request->peer, request->method);
     add_quoted(&line, request->target);
     add(&line, " %u %llu B %.3f ms", request->status, (unsigned long long)request->bytes, request->seconds * 1e3);
+    if (request->id && *request->id)
+      add(&line, " %s", request->id);
     if (request->note)
       add(&line, " (%s)", request->note);
   }

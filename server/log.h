@@ -19,6 +19,7 @@ __attribute__((format(printf, 2, 3))) void lod_log(enum lod_log_level level, con
 struct lod_log_request {
   const char *method, *target; /* as received; bytes that could harm a terminal are escaped */
   const char *peer;            /* address and port */
+  const char *id;              /* of the request; "" = none */
   unsigned status;             /* 0 = never answered */
   uint64_t bytes;              /* of the body sent */
   double seconds;              /* from the request line to the last byte handed to the kernel */

@@ -92,7 +92,7 @@ static enum lod_status start(struct daemon *daemon, struct lod_problem *problem)
   LOD_TRY(start_jobs(daemon, problem));
   LOD_TRY(lod_service_init(&daemon->service, daemon->store, daemon->jobs, daemon->metrics, config, problem));
   struct lod_http *http;
-  LOD_TRY(lod_http_create(&daemon->service, &http, problem));
+  LOD_TRY(lod_http_create(&daemon->service, -1, &http, problem));
   pthread_mutex_lock(&daemon->http_lock);
   daemon->http = http;
   pthread_mutex_unlock(&daemon->http_lock);

@@ -9,6 +9,7 @@ struct lod_background {
   pthread_cond_t wake;
   struct lod_background_work *first, **last;
   bool ending;
+  uint32_t waiting;
   uint32_t thread_count;
   pthread_t threads[];
 };
@@ -23,6 +24,7 @@ static void *run(void *argument) {
     if (!work)
       break;
     background->first = work->next;
+    background->waiting--;
     if (!background->first)
       background->last = &background->first;
     pthread_mutex_unlock(&background->lock);
@@ -48,13 +50,18 @@ struct lod_background *lod_background_create(uint32_t threads) {
   return NULL;
 }
 
-void lod_background_add(struct lod_background *background, struct lod_background_work *work) {
+bool lod_background_add(struct lod_background *background, struct lod_background_work *work) {
   work->next = NULL;
   pthread_mutex_lock(&background->lock);
-  *background->last = work;
-  background->last = &work->next;
-  pthread_cond_signal(&background->wake);
+  bool room = background->waiting < LOD_BACKGROUND_MAX;
+  if (room) {
+    background->waiting++;
+    *background->last = work;
+    background->last = &work->next;
+    pthread_cond_signal(&background->wake);
+  }
   pthread_mutex_unlock(&background->lock);
+  return room;
 }
 
 void lod_background_destroy(struct lod_background *background) {

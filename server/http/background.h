@@ -2,6 +2,7 @@
 #ifndef LOD_SERVER_HTTP_BACKGROUND_H
 #define LOD_SERVER_HTTP_BACKGROUND_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct lod_background;
@@ -16,6 +17,8 @@ struct lod_background_work {
 struct lod_background *lod_background_create(uint32_t threads);
 /* Runs what is queued, then ends. NULL is allowed. */
 void lod_background_destroy(struct lod_background *background);
-void lod_background_add(struct lod_background *background, struct lod_background_work *work);
+/* False, and the work is not taken: LOD_BACKGROUND_MAX pieces wait already. */
+enum { LOD_BACKGROUND_MAX = 1024 };
+bool lod_background_add(struct lod_background *background, struct lod_background_work *work);
 
 #endif

@@ -20,6 +20,8 @@ struct lod_cache_entry *lod_cache_find(struct lod_cache *cache, const void *key,
  * generation is held for the caller alone. The value is finished and
  * NULL returned when memory is out. */
 struct lod_cache_entry *lod_cache_insert(struct lod_cache *cache, const void *key, size_t key_size, uint64_t generation, void *value);
+/* Empties the cache. */
+void lod_cache_clear(struct lod_cache *cache);
 /* Empties the cache when what is inside belongs to an older generation. */
 void lod_cache_trim(struct lod_cache *cache, uint64_t generation);
 void *lod_cache_value(const struct lod_cache_entry *entry);

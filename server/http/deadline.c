@@ -55,6 +55,6 @@ enum lod_cut lod_deadline_check(struct lod_deadline *deadline, const struct lod_
 }
 
 const char *lod_cut_name(enum lod_cut cut) {
-  static const char *const kNames[LOD_CUT_COUNT] = {"no", "headers", "idle", "slow-sender", "slow-reader"};
+  static const char *const kNames[LOD_CUT_COUNT] = {"no", "headers", "idle", "slow-sender", "slow-reader", "address-limit", "overload"};
   return cut < LOD_CUT_COUNT ? kNames[cut] : "unknown";
 }

@@ -15,7 +15,16 @@ enum lod_phase {
   LOD_PHASE_SEND,
 };
 
-enum lod_cut { LOD_CUT_NO, LOD_CUT_HEADERS, LOD_CUT_IDLE, LOD_CUT_SLOW_SENDER, LOD_CUT_SLOW_READER, LOD_CUT_COUNT };
+enum lod_cut {
+  LOD_CUT_NO,
+  LOD_CUT_HEADERS,
+  LOD_CUT_IDLE,
+  LOD_CUT_SLOW_SENDER,
+  LOD_CUT_SLOW_READER,
+  LOD_CUT_ADDRESS,
+  LOD_CUT_OVERLOAD,
+  LOD_CUT_COUNT
+};
 
 struct lod_deadline_limits {
   double header_seconds; /* from the first byte of a request to the end of its headers */

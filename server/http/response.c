@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/random.h>
 #include <zlib.h>
 
 /* ---- bodies ---- */
@@ -23,6 +24,7 @@ struct lod_body *lod_body_create(const void *bytes, size_t size, void (*finish)(
   }
   body->bytes = bytes;
   body->size = size;
+  body->file = -1;
   body->finish = finish;
   body->context = context;
   atomic_init(&body->holders, 1);
@@ -74,7 +76,8 @@ struct lod_body *lod_body_gzip(const struct lod_body *body) {
 /* ---- text ---- */
 
 void lod_format_number(double value, char text[32]) {
-  for (int digits = 6; digits <= 17; digits++) {
+  /* A decimal of up to 15 digits survives the way to a double and back, and %g drops its zeros: 15 digits are the shortest or too few. */
+  for (int digits = 15; digits <= 17; digits++) {
     snprintf(text, 32, "%.*g", digits, value);
     if (strtod(text, NULL) == value)
       return;
@@ -116,6 +119,26 @@ void lod_etag_of_bytes(const void *bytes, size_t size, char etag[LOD_ETAG_MAX]) 
   for (size_t i = 0; i < sizeof digest; i++)
     out += snprintf(out, 3, "%02x", digest[i]);
   memcpy(out, "\"", 2);
+}
+
+void lod_request_id(const char *given, char id[LOD_REQUEST_ID_MAX + 1]) {
+  static const char kSet[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._:-", kDigits[] = "0123456789abcdef";
+  static _Atomic uint64_t counter;
+  size_t size = given ? strspn(given, kSet) : 0;
+  if (size && size <= LOD_REQUEST_ID_MAX && given[size] == 0) {
+    memcpy(id, given, size + 1);
+    return;
+  }
+  uint64_t seed = atomic_load_explicit(&counter, memory_order_relaxed);
+  if (seed == 0 && getrandom(&seed, sizeof seed, 0) == sizeof seed)
+    atomic_compare_exchange_strong(&counter, &(uint64_t){0}, seed);
+  /* A counter that is mixed so that neighbours do not look alike; unique, not secret. */
+  uint64_t number = atomic_fetch_add_explicit(&counter, 1, memory_order_relaxed);
+  number = (number ^ number >> 31) * UINT64_C(0x9e3779b97f4a7c15);
+  number ^= number >> 29;
+  for (int i = 0; i < 16; i++)
+    id[i] = kDigits[number >> (60 - 4 * i) & 15];
+  id[16] = 0;
 }
 
 /* ---- replies ---- */

@@ -17,6 +17,7 @@
 struct lod_body {
   const uint8_t *bytes;
   size_t size;
+  int file;                      /* the same bytes as an open file, from its beginning; -1: there is none. Not owned */
   void (*finish)(void *context); /* called with context when the last holder releases */
   void *context;
   _Atomic uint32_t holders;
@@ -59,8 +60,8 @@ struct lod_reply {
   char etag[LOD_ETAG_MAX]; /* quoted; "" = none */
   struct lod_body *body;
   struct lod_stream stream; /* read != NULL: a stream */
-  struct lod_header headers[LOD_REPLY_HEADERS];
   uint32_t header_count;
+  struct lod_header headers[LOD_REPLY_HEADERS]; /* last: not cleared between requests */
 };
 void lod_reply_finish(struct lod_reply *reply);
 /* Adds a header. value: printf format. Dropped with an assert when there is no room: a caller's bug. Control characters become '_'. */
@@ -75,6 +76,10 @@ void lod_reply_failure(struct lod_reply *reply, const struct lod_query_problem *
 unsigned lod_status_http(const struct lod_problem *problem);
 /* Problem object as text, malloc'd; also what a failed job carries. */
 char *lod_problem_json(unsigned status, const char *type, const char *detail, const char *parameter);
+
+/* A request's id: the client's X-Request-Id when it is 1 to 64 of A-Z a-z 0-9 . _ : -, else a fresh one of 16 hex digits. */
+enum { LOD_REQUEST_ID_MAX = 64 };
+void lod_request_id(const char *given, char id[LOD_REQUEST_ID_MAX + 1]);
 
 /* "..." of the first 32 hex digits of SHA-256. */
 void lod_etag_of_bytes(const void *bytes, size_t size, char etag[LOD_ETAG_MAX]);

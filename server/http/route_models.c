@@ -51,6 +51,7 @@ void lod_answer_models(struct lod_exchange *exchange) {
     lod_store_model_release(models[i]);
   free(models);
   lod_reply_json(&exchange->reply, 200, LOD_CACHE_REVALIDATE, json_dumps(page, JSON_COMPACT));
+  exchange->reply.shared = exchange->reply.status == 200; /* until any model changes */
   json_decref(page);
 }
 

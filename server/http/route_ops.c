@@ -42,7 +42,7 @@ void lod_answer_metrics(struct lod_exchange *exchange) {
   struct lod_metrics *metrics = service->metrics;
   struct lod_jobs_counts jobs = lod_jobs_counts(service->jobs);
   struct lod_cache_counts objects = lod_cache_counts(service->objects);
-  struct lod_cache_counts responses = lod_cache_counts(service->responses);
+  struct lod_cache_counts responses = lod_cache_counts(service->responses), memos = lod_cache_counts(service->memos);
   const struct {
     enum lod_metric metric;
     double value;
@@ -60,7 +60,7 @@ void lod_answer_metrics(struct lod_exchange *exchange) {
       {LOD_METRIC_OBJECT_HITS, (double)objects.hits},
       {LOD_METRIC_OBJECT_MISSES, (double)objects.misses},
       {LOD_METRIC_RESPONSES_CACHED, (double)responses.entries},
-      {LOD_METRIC_RESPONSE_HITS, (double)responses.hits},
+      {LOD_METRIC_RESPONSE_HITS, (double)(responses.hits + memos.hits)},
       {LOD_METRIC_RESPONSE_MISSES, (double)responses.misses},
       {LOD_METRIC_DRAINING, atomic_load(&service->draining) ? 1 : 0},
   };

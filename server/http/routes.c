@@ -101,8 +101,9 @@ static void answer_options(struct lod_exchange *exchange, uint32_t methods) {
   reply->status = 204;
   allow_methods(exchange, methods);
   lod_reply_header(reply, "Access-Control-Allow-Methods", "GET, HEAD, PUT, DELETE, OPTIONS");
-  lod_reply_header(reply, "Access-Control-Allow-Headers",
-                   "Authorization, Content-Type, Content-Disposition, Range, If-Range, If-Match, If-None-Match, Last-Event-ID");
+  lod_reply_header(
+      reply, "Access-Control-Allow-Headers",
+      "Authorization, Content-Type, Content-Disposition, Range, If-Range, If-Match, If-None-Match, Last-Event-ID, X-Request-Id");
   lod_reply_header(reply, "Access-Control-Max-Age", "86400");
 }
 
@@ -213,10 +214,13 @@ void lod_routes_headers(const struct lod_exchange *exchange, void (*emit)(void *
     emit(context, "Vary", "Origin, Accept-Encoding");
   else if (varies || reply->compress)
     emit(context, "Vary", varies ? "Origin" : "Accept-Encoding");
+  if (!reply->shared && exchange->request_id)
+    emit(context, "X-Request-Id", exchange->request_id);
   if (origin) {
     emit(context, "Access-Control-Allow-Origin", origin);
     emit(context, "Access-Control-Expose-Headers",
-         "ETag, Content-Range, Content-Location, Location, Retry-After, Lod-Family, Lod-Level, Lod-Error, Lod-Screen-Error, Lod-Triangles");
+         "ETag, Content-Range, Content-Location, Location, Retry-After, Lod-Family, Lod-Level, Lod-Error, Lod-Screen-Error, Lod-Triangles, "
+         "Server-Timing, X-Request-Id");
     emit(context, "Timing-Allow-Origin", origin);
   }
   emit(context, "Cross-Origin-Resource-Policy", "cross-origin");
@@ -279,6 +283,8 @@ void lod_service_finish(struct lod_service *service) {
 void lod_service_trim(struct lod_service *service) {
   uint64_t generation = lod_store_generation(service->store);
   lod_cache_trim(service->objects, generation);
+  if (service->memos)
+    lod_cache_trim(service->memos, generation);
   if (service->responses)
     lod_cache_trim(service->responses, generation);
 }
@@ -319,6 +325,8 @@ enum lod_status lod_service_open_object(struct lod_service *service, const char 
     return LOD_OK;
   read_ahead(object);
   struct lod_body *opened = lod_body_create(object->bytes, object->size, release_object, object);
+  if (opened)
+    opened->file = object->file;
   struct lod_cache_entry *entry = opened ? lod_cache_insert(service->objects, sha256, LOD_SHA256_HEX, generation, opened) : NULL;
   if (!entry)
     return lod_fail_memory(problem);

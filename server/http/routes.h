@@ -22,10 +22,11 @@ struct lod_service {
   struct lod_store *store; /* not owned, like the next three */
   struct lod_jobs *jobs;
   struct lod_metrics *metrics;
-  const struct lod_config *config;
-  struct lod_cache *objects;    /* hex SHA-256 -> struct lod_body of the mapped object */
-  struct lod_cache *responses;  /* http.c's prepared responses, for their counts; not owned, NULL before it runs */
-  struct lod_cache *compressed; /* ETag -> struct lod_body, gzip of what that ETag names */
+  _Atomic(const struct lod_config *) config; /* not owned; replaced as a whole by lod_service_set_config */
+  struct lod_cache *objects;                 /* hex SHA-256 -> struct lod_body of the mapped object */
+  struct lod_cache *responses;               /* http.c's prepared responses, for their counts; not owned, NULL before it runs */
+  struct lod_cache *memos;                   /* http.c's replies by target; likewise */
+  struct lod_cache *compressed;              /* ETag -> struct lod_body, gzip of what that ETag names */
   bool has_token;
   uint8_t token_digest[32]; /* SHA-256 of the bearer token */
   int viewer_fd;            /* folder of the viewer's files; -1 = none */
@@ -54,10 +55,11 @@ struct lod_exchange {
   void *header_context;
   bool length_known; /* Content-Length was sent */
   uint64_t length;
-  struct lod_reply reply;
-  void *state; /* a handler's own; state_finish is called with it at the end, however that comes */
+  const char *request_id; /* the client's own, or one of ours */
+  void *state;            /* a handler's own; state_finish is called with it at the end, however that comes */
   void (*state_finish)(void *state);
   void (*work)(struct lod_exchange *exchange);
+  struct lod_reply reply; /* last */
 };
 
 struct lod_route {

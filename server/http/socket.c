@@ -2,6 +2,7 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <linux/tcp.h> /* its tcp_info has the byte counts that netinet/tcp.h lacks */
 #include <netdb.h>
 #include <netinet/in.h>
@@ -9,9 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* With the kernel's default a 20 MB reader that stalls holds up to 3.6 MB, and a fast one gets half the throughput: measured, see README.
- */
-enum { SEND_BUFFER_BYTES = 512 << 10, BACKLOG = 1024, DEAD_PEER_MS = 60000 };
+enum { BACKLOG = 1024, DEAD_PEER_MS = 60000 };
 
 void lod_socket_text(const struct sockaddr *address, char text[LOD_ADDRESS_TEXT_MAX]) {
   char host[INET6_ADDRSTRLEN] = "?";
@@ -42,7 +41,7 @@ static enum lod_status resolve(const char *address, struct addrinfo **found, str
 }
 
 static int open_bound(const struct addrinfo *info, const struct sockaddr *address, bool share) {
-  const int on = 1, buffer = SEND_BUFFER_BYTES;
+  const int on = 1, buffer = LOD_SEND_BUFFER_BYTES;
   const unsigned dead = DEAD_PEER_MS;
   int fd = socket(info->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
   if (fd < 0)
@@ -88,6 +87,24 @@ enum lod_status lod_socket_listen(const char *address, uint32_t count, int *list
     if (listeners[opened] >= 0)
       close(listeners[opened]);
   return lod_fail(problem, LOD_IO, "cannot-listen", "--listen: cannot listen on '%s': %s.", address, strerror(error));
+}
+
+enum lod_status lod_socket_inherit(int fd, uint32_t count, int *listeners, char text[LOD_ADDRESS_TEXT_MAX], struct lod_problem *problem) {
+  struct sockaddr_storage bound;
+  socklen_t size = sizeof bound, number_size = sizeof(int);
+  int listening = 0;
+  const int buffer = LOD_SEND_BUFFER_BYTES;
+  const unsigned dead = DEAD_PEER_MS;
+  if (getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &listening, &number_size) != 0 || !listening ||
+      getsockname(fd, (struct sockaddr *)&bound, &size) != 0 || fcntl(fd, F_SETFD, FD_CLOEXEC) != 0 || fcntl(fd, F_SETFL, O_NONBLOCK) != 0)
+    return lod_fail(problem, LOD_BAD_INPUT, "cannot-listen",
+                    "The socket that the service manager passed is not a listening stream socket.");
+  setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &buffer, sizeof buffer);
+  setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &dead, sizeof dead);
+  lod_socket_text((struct sockaddr *)&bound, text);
+  for (uint32_t i = 0; i < count; i++)
+    listeners[i] = i == 0 ? fd : -1;
+  return LOD_OK;
 }
 
 bool lod_socket_counts(int fd, uint64_t *received, uint64_t *acknowledged) {

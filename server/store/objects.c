@@ -17,8 +17,8 @@
 #include "server/store/table.h"
 
 /* Mappings that nobody holds stay for the next reader, up to this many: a mapping costs a system call and page faults to make again. The
- * kernel allows some 65 000 per process. */
-enum { IDLE_MAPPINGS = 4096, FOLDERS = 256 };
+ * kernel allows some 65 000 per process. Those of larger objects hold a descriptor too. */
+enum { IDLE_MAPPINGS = 2048, FOLDERS = 256 };
 
 struct mapping {
   struct lod_object object; /* what readers get; first, so that a reader's pointer is the mapping's */
@@ -81,6 +81,8 @@ static void unmap(struct lod_objects *objects, struct mapping *mapping) {
   if (mapping->entry != NULL)
     mapping->entry->mapping = NULL;
   munmap((void *)mapping->object.bytes, mapping->object.size);
+  if (mapping->object.file >= 0)
+    close(mapping->object.file);
   objects->mapping_count--;
   free(mapping);
 }
@@ -96,11 +98,16 @@ static struct mapping *map(struct lod_objects *objects, struct lod_object_entry 
     return NULL;
   }
   void *bytes = mmap(NULL, entry->bytes, PROT_READ, MAP_SHARED, fd, 0);
-  close(fd);
+  if (entry->bytes < LOD_OBJECT_FILE_BYTES) {
+    close(fd);
+    fd = -1;
+  }
   struct mapping *mapping = bytes == MAP_FAILED ? NULL : calloc(1, sizeof *mapping);
   if (mapping == NULL) {
     if (bytes != MAP_FAILED)
       munmap(bytes, entry->bytes);
+    if (fd >= 0)
+      close(fd);
     (void)lod_fail_memory(problem);
     return NULL;
   }
@@ -108,6 +115,7 @@ static struct mapping *map(struct lod_objects *objects, struct lod_object_entry 
   mapping->object.type = entry->type;
   mapping->object.bytes = bytes;
   mapping->object.size = entry->bytes;
+  mapping->object.file = fd;
   mapping->objects = objects;
   mapping->entry = entry;
   entry->mapping = mapping;

@@ -40,7 +40,9 @@ struct lod_object {
   const char *type; /* media type, "model/gltf-binary", "image/png" */
   const uint8_t *bytes;
   size_t size;
+  int file; /* the same bytes as an open file, for sendfile(2); -1 below LOD_OBJECT_FILE_BYTES */
 };
+enum { LOD_OBJECT_FILE_BYTES = 64 << 10 };
 /* NULL *object and LOD_OK: there is no such object. sha256: 64 lower-case hex digits. */
 LOD_WARN_UNUSED enum lod_status lod_store_object_open(struct lod_store *store, const char *sha256, struct lod_object **object,
                                                       struct lod_problem *problem);

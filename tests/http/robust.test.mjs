@@ -144,6 +144,114 @@ test('clients that leave in the middle of a body leave nothing behind', async ()
   await eventually('one connection', async () => (await daemon.metric('lodestream_http_connections')) === 1, 5);
 });
 
+test('one address has its share of connections, the next is told 503, and is served again when one closes', async () => {
+  const small = await Daemon.start({ flags: ['--address-connections', '5'] });
+  try {
+    const held = await Promise.all(Array.from({ length: 5 }, () => small.connect()));
+    for (const socket of held) socket.write(get('/healthz'));
+    await eventually('five answers', () => held.every((socket) => socket.text.includes('ok')));
+    for (let i = 0; i < 3; i++) {
+      const refused = await small.connect();
+      refused.write(get('/healthz'));
+      await refused.closed_;
+      const { status, headers, body } = parse(Buffer.from(refused.text, 'latin1'));
+      assert.equal(status, 503);
+      assert.ok(Number(headers['retry-after']) > 0);
+      assert.equal(body.length, Number(headers['content-length']));
+      assert.equal(JSON.parse(body).type, '/problems/overloaded');
+    }
+    const elsewhere = await small.connect({ localAddress: '127.0.0.2' });
+    elsewhere.write(get('/metrics'));
+    await eventually('another address is served', () => /connections_cut_total\{reason="address-limit"\} 3/.test(elsewhere.text));
+    held[0].destroy();
+    await eventually('the address is served again', async () => (await small.curl('/healthz')).status === 200, 5);
+    for (const socket of [...held, elsewhere]) socket.destroy();
+  } finally {
+    assert.deepEqual(await small.stop(), { code: 0, signal: null });
+  }
+});
+
+test('when all connections stay taken, who waits is told 503', async () => {
+  const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4'] });
+  try {
+    const held = await Promise.all(Array.from({ length: 4 }, () => small.connect()));
+    for (const socket of held) socket.write(get('/healthz'));
+    await eventually('four answers', () => held.every((socket) => socket.text.includes('ok')));
+    const waiting = await small.connect();
+    waiting.write(get('/healthz'));
+    await eventually('it is told', () => waiting.text.includes('HTTP/1.1 503 '), 8);
+    assert.match(waiting.text, /Retry-After: \d/);
+    for (const socket of [...held, waiting]) socket.destroy();
+  } finally {
+    assert.deepEqual(await small.stop(), { code: 0, signal: null });
+  }
+});
+
+test('loops share connections evenly', async () => {
+  const two = await Daemon.start({ flags: ['--loops', '2', '--connections', '40'] }); // 20 a loop: an uneven spread would leave some waiting
+  try {
+    const sockets = await Promise.all(Array.from({ length: 38 }, () => two.connect()));
+    for (const socket of sockets) socket.write(get('/healthz'));
+    await eventually('all are answered', () => sockets.every((socket) => socket.text.includes('ok')), 5);
+    for (const socket of sockets) socket.destroy();
+  } finally {
+    assert.deepEqual(await two.stop(), { code: 0, signal: null });
+  }
+});
+
+test('what is too long or no HTTP is refused with a problem', async () => {
+  for (const [text, status, type] of [
+    [`GET /${'a'.repeat(40000)} HTTP/1.1\r\nHost: x\r\n\r\n`, 414, 'uri-too-long'],
+    [`GET / HTTP/1.1\r\nHost: x\r\nX: ${'a'.repeat(40000)}\r\n\r\n`, 431, 'headers-too-large'],
+    ['GET / HTTP/1.1\r\n\r\n', 400, 'bad-request'],
+  ]) {
+    const socket = await daemon.connect();
+    socket.write(text);
+    await eventually(type, () => socket.text.includes('\r\n\r\n'), 8);
+    await socket.closed_;
+    const answer = parse(Buffer.from(socket.text, 'latin1'));
+    assert.equal(answer.status, status, socket.text);
+    assert.equal(answer.headers['content-type'], 'application/problem+json');
+    const problem = JSON.parse(answer.body);
+    assert.equal(problem.type, `/problems/${type}`);
+    assert.equal(problem.status, status);
+  }
+});
+
+// From some 31 bodies of this size in the buffers of a loop on, it sends them by sendfile(2).
+test('bodies are the same by copy and by file', async () => {
+  const one = await Daemon.start({ flags: ['--loops', '1'] });
+  try {
+    const bytes = 400000;
+    await one.bake('m', { families: { cluster: { levels: [{ error: 1, triangles: 1, size: bytes }] } } });
+    const name = (await one.json('/v1/models/m')).json.families.cluster.levels[0].object;
+    const readers = await Promise.all(Array.from({ length: 70 }, () => one.connect()));
+    const whole = (text) => text.length === text.indexOf('\r\n\r\n') + 4 + bytes;
+    for (let round = 0; round < 2; round++) {
+      for (const reader of readers) {
+        reader.text = '';
+        reader.write(get(`/v1/objects/${name}`));
+      }
+      await eventually(`round ${round}`, () => readers.every((reader) => whole(reader.text)), 40);
+      for (const reader of readers) assert.equal(createHash('sha256').update(parse(Buffer.from(reader.text, 'latin1')).body).digest('hex'), name);
+    }
+    for (const reader of readers) reader.destroy();
+  } finally {
+    await one.stop();
+  }
+});
+
+test('a request has an id: the client\'s own, or one of ours', async () => {
+  const given = await daemon.curl('/healthz', ['-H', 'X-Request-Id: abc-123']);
+  assert.equal(given.headers['x-request-id'], 'abc-123');
+  const first = await daemon.curl('/healthz', ['-H', 'X-Request-Id: no blanks']);
+  const second = await daemon.curl('/nope');
+  assert.match(first.headers['x-request-id'], /^[0-9a-f]{16}$/);
+  assert.match(second.headers['x-request-id'], /^[0-9a-f]{16}$/);
+  assert.notEqual(first.headers['x-request-id'], second.headers['x-request-id']);
+  await eventually('the log has it', () => daemon.log.includes('abc-123'), 3);
+});
+
 test('connections over the limit wait and are served when others close', async () => {
   const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4'] });
   try {

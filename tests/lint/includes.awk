@@ -52,13 +52,14 @@ function check_ours(to,   from, target, path) {
   } else if (from == "worker") {
     if (to ~ /^server\/(http|store)\//) complain("the worker includes \"" to "\". A worker has neither network nor database: send it a frame.")
   }
+  if (to == "server/http/loop.h" && FILENAME != "server/http/http.c" && FILENAME != "server/http/loop.c") complain("includes server/http/loop.h, which is for http.c and loop.c alone.")
   if (from !~ /^(tests|clients)$/ && target == "tests") complain("includes \"" to "\". Only tests include tests.")
   if (from != "clients" && from != "tests" && target == "clients") complain("includes \"" to "\". Nothing below a client may know it.")
 }
 
 function check_foreign(to,   from) {
   from = area(FILENAME)
-  if (to == "microhttpd.h" && FILENAME != "server/http/http.c") complain("includes <microhttpd.h>. server/http/http.c alone does: use server/http/http.h, or forward-declare the struct.")
+  if (to == "microhttpd.h" && FILENAME != "server/http/loop.h") complain("includes <microhttpd.h>. server/http/loop.h alone does, for http.c and loop.c: use server/http/http.h, or forward-declare the struct.")
   if (to ~ /^sqlite3/ && FILENAME != "server/store/catalog.c") complain("includes <" to ">. server/store/catalog.c alone does: use server/store/catalog.h.")
   if (to ~ /^draco\// && FILENAME !~ /^codec\/.*\.cc$/) complain("includes <" to ">. The .cc shims of codec alone do: use codec/export/draco.h.")
   if (to ~ /tiny_gltf\.h$/ && FILENAME !~ /^codec\/import\/gltf[a-z_]*\.cc$/) complain("includes <" to ">. codec/import/gltf*.cc alone do: use codec/import/import.h.")
