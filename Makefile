@@ -60,7 +60,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(wildcard tests/bench/*_bench.c))
 FUZZ := $(patsubst %.c,$(B)/%,$(wildcard tests/fuzz/*_fuzz.c))
 HELPERS := $(call objects,$(wildcard tests/data/*.c tests/bench/load/*.c))
 
-.PHONY: all help run test test-only bench lint format sanitize fuzz install clean deps web programs unit-tests fuzz-replay
+.PHONY: all help run test test-only bench lint format sanitize fuzz install clean deps web programs unit-tests fuzz-replay wasm
 all: programs
 
 help:
@@ -70,6 +70,7 @@ help:
 ## make run       install what is missing, build, bake a sample model, serve it, print the viewer's address
 ## make test      install what is missing, build, run every test
 ## make bench     every benchmark; make bench-NAME one of them (cluster, bake, http)
+## make wasm      core and codec for the browser, into build/wasm
 ## make lint      include rules, link rules, format
 ## make format    rewrite sources with clang-format
 ## make sanitize  unit tests under ASan and UBSan
@@ -127,14 +128,38 @@ endif
 $(B)/tests/sample/sample: $(B)/tests/sample/sample.o $(B)/libtestdata.a $(B)/libcore.a $(B)/libbase.a
 	$(CC) $(LDFLAGS) -o $@ $^ -lm
 
+$(B)/tests/sample/steps: $(B)/tests/sample/steps.o $(TEST_LIBS)
+	$(link_test) $(LIBS_test)
+
 # Embedded with .incbin, which leaves no dependency of its own.
 $(B)/server/http/openapi.o: server/http/openapi.json
+
+# WebAssembly: the same C for the browser, one file per module. A new source of a module goes into its list, a new module gets a list and a
+# name in WASM_MODULES. No threads, no I/O; all arithmetic as in COMMON, so the bits are the same.
+WASM_MODULES := lodestream
+WASM_lodestream := clients/web/src/wasm/module.c core/base/arena.c core/base/status.c \
+ core/mesh/mesh.c core/mesh/adjacency.c $(wildcard core/mesh/overlay*.c) \
+ $(filter-out codec/stream/delta_encode.c,$(wildcard codec/stream/*.c))
+WASM_CC := clang --target=wasm32-wasi
+WASM_FLAGS := -std=c17 -I. -D_GNU_SOURCE -DNDEBUG -O3 -msimd128 -ffp-contract=off -fno-math-errno -fno-strict-aliasing -ffunction-sections $(WARN)
+WASM_LINK := -nostartfiles -Wl,--no-entry,--gc-sections,--strip-all,--stack-first,-z,stack-size=1048576,--max-memory=2147483648
+
+wasm: $(WASM_MODULES:%=build/wasm/%.wasm)
+build/wasm/%.o: %.c
+	@mkdir -p $(@D)
+	$(say) "WASM $<"
+	$(Q)$(WASM_CC) $(WASM_FLAGS) -MMD -MP -c -o $@ $<
+$(foreach module,$(WASM_MODULES),$(eval build/wasm/$(module).wasm: $(addprefix build/wasm/,$(WASM_$(module):.c=.o))))
+build/wasm/%.wasm:
+	@mkdir -p $(@D)
+	$(say) "LINK $@"
+	$(Q)$(WASM_CC) $(WASM_LINK) -o $@ $^
 
 unit-tests: $(UNIT)
 fuzz-replay: $(FUZZ)
 
 .SECONDARY:
--include $(shell find $(B) -name '*.d' 2>/dev/null)
+-include $(shell find $(B) build/wasm -name '*.d' 2>/dev/null)
 
 deps:
 	@deploy/dependencies.sh
@@ -150,7 +175,7 @@ test: deps
 	@$(MAKE) --no-print-directory test-only
 
 test-only: web
-	@$(MAKE) --no-print-directory -j2 programs unit-tests
+	@$(MAKE) --no-print-directory -j2 programs unit-tests $(B)/tests/sample/steps
 	@$(MAKE) --no-print-directory -j2 config=sanitize programs unit-tests fuzz-replay
 	@tests/run.sh
 

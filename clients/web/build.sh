@@ -21,6 +21,12 @@ install_packages() {
 install_packages "$here"
 install_packages "$tests"
 
+# The WebAssembly modules have sources of their own, which make knows.
+make -s -C "$here/../.." wasm >&2
+for module in "$here"/../../build/wasm/*.wasm; do
+  cmp -s "$module" "$out/$(basename "$module")" || cp "$module" "$out/"
+done
+
 stamp="$out/.built"
 if [ -e "$stamp" ] && [ -z "$(find "$here/src" "$here/build.sh" "$here/package-lock.json" -newer "$stamp" | head -n 1)" ]; then
   exit 0
@@ -29,6 +35,7 @@ fi
 three="$here/node_modules/three/examples/jsm/libs"
 mkdir -p "$out/draco"
 "$here/node_modules/.bin/esbuild" "$here/src/viewer/app.js" "$here/src/three/normals-worker.js" \
+  "$here/src/wasm/core-worker.js" \
   --bundle --format=esm --minify --sourcemap --target=es2022 --legal-comments=linked --log-level=warning \
   --entry-names='[name]' --outdir="$out"
 cp "$three/draco/gltf/draco_wasm_wrapper.js" "$three/draco/gltf/draco_decoder.wasm" "$three/draco/gltf/draco_decoder.js" "$out/draco/"

@@ -1,0 +1,63 @@
+/** The module's side of pool.js: keeps levels by number and does one job at a time. */
+
+import { Core } from './core.js';
+
+export class CoreJobs {
+  /** @param {string|BufferSource} wasm URL or bytes of the module */
+  constructor(wasm) {
+    this.core = Core.create(typeof wasm === 'string' ? fetch(wasm) : wasm);
+    this.core.catch(() => {});
+    this.levels = new Map();
+    this.count = 0;
+  }
+
+  /** @returns {Promise<{result: any, transfer: ArrayBuffer[]}>} */
+  async run(what, options) {
+    const core = await this.core;
+    if (what === 'level') return { result: this.keep(core.level(options.positions, options.index, options.materials)), transfer: [] };
+    if (what === 'decode') {
+      const level = core.decode(options.bytes, options.base === null ? null : this.levels.get(options.base));
+      const arrays = level.arrays();
+      return { result: { id: this.keep(level), arrays }, transfer: buffersOf(arrays) };
+    }
+    if (what === 'morph') return this.morph(core, options);
+    this.levels.get(options.level)?.free();
+    this.levels.delete(options.level);
+    return { result: null, transfer: [] };
+  }
+
+  morph(core, { coarse, fine, reach = 0, ...draw }) {
+    const map = core.map(this.levels.get(coarse), this.levels.get(fine), reach);
+    try {
+      const result = map.draw(draw);
+      return { result, transfer: buffersOf(result) };
+    } finally {
+      map.free();
+    }
+  }
+
+  keep(level) {
+    this.levels.set(++this.count, level);
+    return this.count;
+  }
+}
+
+function buffersOf(arrays) {
+  return Object.values(arrays).filter((value) => ArrayBuffer.isView(value)).map((value) => value.buffer);
+}
+
+if (typeof WorkerGlobalScope !== 'undefined' && globalThis instanceof WorkerGlobalScope) {
+  let jobs = null;
+  globalThis.onmessage = async ({ data }) => {
+    if (data.wasm !== undefined) {
+      jobs = new CoreJobs(data.wasm);
+      return;
+    }
+    try {
+      const { result, transfer } = await jobs.run(data.what, data.options);
+      globalThis.postMessage({ number: data.number, result }, transfer);
+    } catch (error) {
+      globalThis.postMessage({ number: data.number, problem: { type: error.type ?? 'unknown', message: error.message } });
+    }
+  };
+}

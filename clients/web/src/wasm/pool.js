@@ -1,0 +1,76 @@
+/**
+ * The module in a worker, asked by promises. Levels and maps stay in the worker; numbers name them. Where no worker can be started (a test in
+ * node, a page without them) the same runs here. What was asked for and is no longer wanted is answered all the same: jobs are short.
+ */
+
+import { CoreJobs } from './core-worker.js';
+
+export class CorePool {
+  /** @param {{worker?: URL|null, wasm: URL|string|BufferSource}} options worker: URL of the bundled core-worker.js */
+  constructor({ worker = null, wasm }) {
+    this.waiting = new Map();
+    this.count = 0;
+    this.jobs = null;
+    this.worker = null;
+    try {
+      this.worker = worker === null ? null : new Worker(worker, { type: 'module' });
+    } catch {
+      this.worker = null; // a policy forbids workers
+    }
+    if (this.worker) {
+      this.worker.onmessage = ({ data }) => this.answer(data);
+      this.worker.onerror = (event) => this.fail(event.message || 'The worker stopped.');
+      this.worker.postMessage({ wasm: wasm instanceof URL ? wasm.href : wasm });
+    } else {
+      this.jobs = new CoreJobs(wasm instanceof URL ? wasm.href : wasm);
+    }
+  }
+
+  /** A level as it is drawn; resolves to its number. */
+  level(positions, index, materials = null) {
+    return this.ask('level', { positions, index, materials });
+  }
+
+  /** The level that `bytes` make of level `base` (null: of a first picture); {id, arrays}. */
+  decode(bytes, base = null) {
+    return this.ask('decode', { bytes, base });
+  }
+
+  /** The morph from level `coarse` to level `fine`: what LevelMap.draw gives. */
+  morph(coarse, fine, options) {
+    return this.ask('morph', { coarse, fine, ...options });
+  }
+
+  free(level) {
+    this.ask('free', { level }).catch(() => {});
+  }
+
+  ask(what, options) {
+    if (this.jobs) return this.jobs.run(what, options).then(({ result }) => result);
+    if (!this.worker) return Promise.reject(new Error('The worker has stopped.'));
+    const number = ++this.count;
+    return new Promise((resolve, reject) => {
+      this.waiting.set(number, { resolve, reject });
+      this.worker.postMessage({ number, what, options });
+    });
+  }
+
+  answer({ number, result, problem }) {
+    const waiting = this.waiting.get(number);
+    this.waiting.delete(number);
+    if (problem) waiting?.reject(Object.assign(new Error(problem.message), { type: problem.type }));
+    else waiting?.resolve(result);
+  }
+
+  fail(message) {
+    for (const { reject } of this.waiting.values()) reject(new Error(message));
+    this.waiting.clear();
+    this.worker?.terminate();
+    this.worker = null;
+  }
+
+  close() {
+    this.fail('The model was closed.');
+    this.jobs = null;
+  }
+}

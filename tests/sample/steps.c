@@ -1,0 +1,117 @@
+/* Writes nested levels as deltas into a folder, with the hashes that decoding them and laying them over one another give natively:
+ *
+ *   steps DIR     DIR/NAME-K.delta (frame K; 0 is the first picture) and, on standard output, a line of JSON for each: {"file", "level",
+ *                 "map", "vertices", "triangles"}
+ *
+ * Levels come from generators, and from the shared models where they are. tests/web/wasm.test.mjs does the same in WebAssembly. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#pragma GCC diagnostic ignored "-Wmissing-prototypes"
+#include "clients/web/src/wasm/module.c"
+#include "core/retile/retile.h"
+#include "tests/data/ply.h"
+#include "tests/data/shapes.h"
+
+static void must(bool good, const char *what) {
+  if (!good) {
+    fprintf(stderr, "steps: %s: %s\n", what, problem.detail);
+    exit(1);
+  }
+}
+
+/* Onto a grid of a power of two, 2^15 steps across or a little more. */
+static struct lod_delta_grid quantise(struct lod_mesh *mesh) {
+  struct lod_bounds bounds = lod_mesh_bounds(mesh);
+  int exponent;
+  frexp(lod_bounds_diagonal(&bounds) / 32768, &exponent);
+  struct lod_delta_grid grid = {.step = (float)ldexp(1, exponent)};
+  for (int k = 0; k < 3; k++)
+    grid.origin[k] = (float)(floor(bounds.min[k] / (double)grid.step) * (double)grid.step);
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    for (int k = 0; k < 3; k++) {
+      float q = (float)floor(((double)mesh->positions[v][k] - (double)grid.origin[k]) / (double)grid.step + 0.5);
+      mesh->positions[v][k] = grid.origin[k] + grid.step * q;
+    }
+  return grid;
+}
+
+static void write_file(const char *folder, const char *name, uint32_t number, const uint8_t *bytes, size_t size) {
+  char path[4300];
+  snprintf(path, sizeof path, "%.4000s/%.200s-%u.delta", folder, name, number);
+  FILE *file = fopen(path, "wb");
+  must(file != NULL && fwrite(bytes, 1, size, file) == size && fclose(file) == 0, path);
+}
+
+static void run(const char *folder, const char *name, const struct lod_mesh *mesh, const uint32_t *counts, uint32_t count) {
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_retile_settings settings = lod_retile_defaults();
+  struct lod_retile retile;
+  struct level *before = NULL;
+  settings.vertices = counts;
+  settings.level_count = count;
+  must(lod_retile_create(mesh, &settings, NULL, arena, &retile, &problem) == LOD_OK, name);
+  uint32_t *order = NULL; /* vertex of the level -> vertex as decoded */
+  for (uint32_t k = 0; k < count; k++) {
+    struct lod_mesh *fine = &retile.levels[k].mesh;
+    struct lod_delta_encode_request request = lod_delta_encode_defaults();
+    uint8_t *bytes;
+    size_t size;
+    request.grid = quantise(fine);
+    request.fine = fine;
+    request.from = k == 0 ? LOD_NONE : k - 1;
+    request.to = k;
+    request.unit_count = 1;
+    request.patch_triangles = k == 2 ? 300 : 0;
+    uint32_t *kept = k == 0 ? NULL : LOD_NEW(arena, before->mesh.vertex_count, uint32_t);
+    for (uint32_t v = 0; k > 0 && v < retile.levels[k - 1].mesh.vertex_count; v++)
+      kept[order[v]] = retile.levels[k - 1].parents[v];
+    request.base = k == 0 ? NULL : &before->mesh;
+    request.kept = kept;
+    must(lod_delta_encode(&request, arena, &bytes, &size, &problem) == LOD_OK, name);
+    write_file(folder, name, k, bytes, size);
+    struct level *level = lodw_level_decode(bytes, size, before);
+    must(level != NULL, name);
+    struct map *map = before == NULL ? NULL : lodw_map_create(before, level, 0);
+    must(before == NULL || map != NULL, name);
+    printf("{\"file\":\"%s-%u.delta\",\"first\":%s,\"level\":%u,\"map\":%u,\"vertices\":%u,\"triangles\":%u,\"failed\":%u}\n", name, k,
+           k == 0 ? "true" : "false", lodw_level_hash(level), map == NULL ? 0 : lodw_map_hash(map), level->mesh.vertex_count,
+           level->mesh.triangle_count, map == NULL ? 0 : map->overlay.failed);
+    lodw_map_free(map);
+    order = LOD_NEW(arena, fine->vertex_count, uint32_t);
+    must(lod_overlay_match(fine, &level->mesh, (double)request.grid.step / 4, arena, order) == LOD_OK, name);
+    lodw_level_free(before);
+    before = level;
+  }
+  lodw_level_free(before);
+  lod_arena_destroy(arena);
+}
+
+int main(int argc, char **argv) {
+  static const char *const kModels[] = {"scans/bunny.ply", "scans/fandisk.ply", "cad/block.ply", "scans/horse.ply"};
+  const uint32_t counts[] = {120, 480, 1920};
+  if (argc != 2) {
+    fprintf(stderr, "usage: steps DIR\n");
+    return 2;
+  }
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_mesh torus = lod_shape_torus(arena, 2, 0.8, 90, 45), grid = lod_shape_grid(arena, 2, 60, 0.5),
+                  tube = lod_shape_tube(arena, 0.5, 3, 60, 60), raw, mesh;
+  run(argv[1], "torus", &torus, counts, 3);
+  run(argv[1], "grid", &grid, counts, 3);
+  run(argv[1], "tube", &tube, counts, 3);
+  const char *shared = lod_shared_folder();
+  for (size_t i = 0; shared != NULL && i < sizeof kModels / sizeof *kModels; i++) {
+    char path[4096], name[64];
+    snprintf(path, sizeof path, "%s/models/%s", shared, kModels[i]);
+    if (!lod_ply_read(path, arena, &raw) || lod_mesh_weld(&raw, arena, &mesh, NULL) != LOD_OK)
+      continue;
+    snprintf(name, sizeof name, "%s", strchr(kModels[i], '/') + 1);
+    *strchr(name, '.') = '\0';
+    run(argv[1], name, &mesh, counts, 3);
+  }
+  lod_arena_destroy(arena);
+  return 0;
+}
