@@ -117,6 +117,39 @@ enum lod_status lod_adjacency_of_soup(const struct lod_mesh *mesh, const uint32_
   return LOD_OK;
 }
 
+/* Sums of the triangles' cross products, in integers, so that their order does not matter. */
+static enum lod_status find_normals(const struct lod_mesh *mesh, struct step_base *base, struct lod_arena *arena) {
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  int64_t(*sums)[3] = scratch == NULL ? NULL : lod_arena_calloc(scratch, mesh->vertex_count, sizeof *sums);
+  base->normals = LOD_NEW(arena, mesh->vertex_count, lod_v4);
+  if (sums == NULL || base->normals == NULL) {
+    lod_arena_destroy(scratch);
+    return LOD_MEMORY;
+  }
+  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+    int64_t a[3], b[3];
+    uint32_t v[3];
+    for (int i = 0; i < 3; i++)
+      v[i] = base->rank[mesh->triangles[t][i]];
+    for (int i = 0; i < 3; i++) {
+      a[i] = (int64_t)base->cells[v[1]][i] - base->cells[v[0]][i];
+      b[i] = (int64_t)base->cells[v[2]][i] - base->cells[v[0]][i];
+    }
+    for (int i = 0; i < 3; i++) { /* unsigned: a sum that a broken base makes too large wraps */
+      uint64_t n = (uint64_t)(a[(i + 1) % 3] * b[(i + 2) % 3]) - (uint64_t)(a[(i + 2) % 3] * b[(i + 1) % 3]);
+      for (int k = 0; k < 3; k++)
+        sums[v[k]][i] = (int64_t)((uint64_t)sums[v[k]][i] + n);
+    }
+  }
+  for (uint32_t v = 0; v < mesh->vertex_count; v++) {
+    const lod_v4 n = {(float)sums[v][0], (float)sums[v][1], (float)sums[v][2], 0}, nn = n * n;
+    const float length = nn[0] + nn[1] + nn[2];
+    base->normals[v] = length > 0 && length < 3e38f ? n * (1 / sqrtf(length)) : (lod_v4){0, 0, 0, 0};
+  }
+  lod_arena_destroy(scratch);
+  return LOD_OK;
+}
+
 enum lod_status lod_step_base(const struct lod_mesh *mesh, const struct lod_delta_grid *grid, struct lod_arena *arena,
                               struct step_base *base) {
   *base = (struct step_base){.vertex_count = mesh->vertex_count};
@@ -148,5 +181,6 @@ enum lod_status lod_step_base(const struct lod_mesh *mesh, const struct lod_delt
     base->positions[v] = x;
   }
   lod_arena_destroy(scratch);
+  LOD_TRY(find_normals(mesh, base, arena));
   return lod_adjacency_of_soup(mesh, base->rank, arena, &base->adjacency);
 }

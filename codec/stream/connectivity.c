@@ -130,8 +130,10 @@ static uint32_t add_vertex(struct front *f, uint32_t source, uint32_t component)
   return v;
 }
 
-/* Triangle (a, b, v), whose half-edge 0 is `source` in the cut mesh. Returns its half-edge 0. */
-static uint32_t add_triangle(struct front *f, uint32_t a, uint32_t b, uint32_t v, uint32_t source) {
+/* Triangle (a, b, v), whose half-edge 0 is glued to `twin` (LOD_NONE: to nothing yet) and is `source` in the cut mesh. Returns its
+ * half-edge 0.
+ */
+static uint32_t add_triangle(struct front *f, uint32_t a, uint32_t b, uint32_t v, uint32_t twin, uint32_t source) {
   struct lod_connectivity *out = f->out;
   uint32_t t = out->triangle_count++;
   out->triangles[t][0] = a;
@@ -140,6 +142,10 @@ static uint32_t add_triangle(struct front *f, uint32_t a, uint32_t b, uint32_t v
   f->around[a]++;
   f->around[b]++;
   f->around[v]++;
+  if (twin != LOD_NONE) {
+    out->opposite[3 * t] = twin;
+    out->opposite[twin] = 3 * t;
+  }
   if (f->cut != NULL) {
     out->source_half_edges[t] = source;
     f->done[source / 3] = 1;
@@ -161,7 +167,7 @@ static void begin_component(struct front *f, uint32_t source) {
     v[i] = add_vertex(f, f->cut != NULL ? f->cut->corner[h[i]] : 0, component);
   if (f->bad)
     return;
-  uint32_t e = add_triangle(f, v[0], v[1], v[2], source);
+  uint32_t e = add_triangle(f, v[0], v[1], v[2], LOD_NONE, source);
   uint32_t n0 = add_node(f, v[1], e, far_of(f, h[0])); /* the front runs the other way */
   uint32_t n1 = add_node(f, v[2], e + 1, far_of(f, h[1]));
   uint32_t n2 = add_node(f, v[0], e + 2, far_of(f, h[2]));
@@ -360,7 +366,8 @@ static void apply_open(struct front *f, const struct gate *g, uint32_t e, uint32
 
 static void step(struct front *f, uint32_t gate) {
   struct gate g = look(f, gate);
-  uint32_t join = LOD_NONE, far = f->nodes[gate].far;
+  uint32_t join = LOD_NONE;
+  const uint32_t far = f->nodes[gate].far, twin = f->nodes[gate].twin;
   enum operation op = OP_BORDER;
   if (f->cut != NULL)
     op = find_operation(f, &g);
@@ -375,7 +382,7 @@ static void step(struct front *f, uint32_t gate) {
   case OP_NEW:
     v = add_vertex(f, f->cut != NULL ? f->cut->corner[lod_half_edge_previous(far)] : 0, f->out->component[g.a]);
     if (!f->bad)
-      apply_open(f, &g, add_triangle(f, g.a, g.b, v, far), v, LOD_NONE);
+      apply_open(f, &g, add_triangle(f, g.a, g.b, v, twin, far), v, LOD_NONE);
     return;
   case OP_LEFT: {
     if (f->nodes[g.previous].origin == g.b) {
@@ -386,7 +393,7 @@ static void step(struct front *f, uint32_t gate) {
     if (closes)
       closes =
           lod_coder_bit(f->coder, &f->models->closes, LOD_ADAPT_SLOW, f->cut != NULL && f->nodes[g.next].far == lod_half_edge_next(far));
-    apply_left(f, &g, add_triangle(f, g.a, g.b, f->nodes[g.previous].origin, far), closes);
+    apply_left(f, &g, add_triangle(f, g.a, g.b, f->nodes[g.previous].origin, twin, far), closes);
     return;
   }
   case OP_RIGHT:
@@ -394,7 +401,7 @@ static void step(struct front *f, uint32_t gate) {
     if (v == g.a)
       f->bad = true;
     else
-      apply_right(f, &g, add_triangle(f, g.a, g.b, v, far));
+      apply_right(f, &g, add_triangle(f, g.a, g.b, v, twin, far));
     return;
   case OP_JOIN:
     if (f->cut != NULL)
@@ -405,7 +412,7 @@ static void step(struct front *f, uint32_t gate) {
       f->bad = true;
       return;
     }
-    apply_open(f, &g, add_triangle(f, g.a, g.b, v, far), v, join);
+    apply_open(f, &g, add_triangle(f, g.a, g.b, v, twin, far), v, join);
     return;
   }
 }

@@ -1,18 +1,24 @@
 /* Where in the finer level the base's vertices are.
  *
- * The base's vertices are taken in an order that starts at one and goes to those with most neighbours found. Meanwhile the finer level gets
- * estimated positions around what is found: averages inside, and outside parallelograms, as if its triangles went on as they came. A base
- * vertex is then most likely the vertex whose estimate lies nearest to it: its place in that ranking is coded, mostly 0. */
+ * The base's vertices are taken in an order that starts at one and goes on to those with most neighbours found. The finer level around the
+ * nearest of these is laid out in the plane as if its triangles were equilateral, and the base around it in its tangent plane; the affine
+ * map between the two that suits the neighbours already found best, says where the vertex should be. Its place among the finer vertices
+ * nearest to that is coded, mostly 0. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "codec/stream/step.h"
 
-enum { PRIORITIES = 8, BALL = 48, CANDIDATES = 12, REACH = 2, DEGREE = 64 /* neighbours of a vertex that are looked at */ };
+enum { PRIORITIES = 8, BALL = 48, FANS = 32, PAIRS = 24, CANDIDATES = 20, DEGREE = 64 /* neighbours of a vertex that are looked at */ };
 
 struct models {
-  struct lod_bit_model expected, gone[2], rank[3][CANDIDATES + 1][16][8];
-  struct lod_mixer rank_mixer[CANDIDATES + 1];
+  struct lod_bit_model expected, gone[2], rank[2][CANDIDATES][16][8], near[16][4][4], shape[12][4][4], far[6][6][4];
+  struct lod_mixer rank_mixer[CANDIDATES][2];
+};
+
+struct complex {
+  float x, y;
 };
 
 struct search {
@@ -23,8 +29,12 @@ struct search {
   uint32_t *seen, stamp;                                    /* fine vertex: visited in ball `stamp` */
   uint32_t ball[BALL];
   uint8_t hops[BALL];
-  uint8_t *has_kept; /* component of the finer level */
-  uint32_t expected; /* vertex: components begin in the order in which they are asked for */
+  struct complex plane[BALL];
+  bool laid[BALL], used[BALL];
+  uint32_t *slot;                                  /* fine vertex: place in the ball */
+  struct complex closed[FANS + 1], open[FANS + 1]; /* one triangle of so many around a vertex, around half of one */
+  uint8_t *has_kept;                               /* component of the finer level */
+  uint32_t expected;                               /* vertex: components begin in the order in which they are asked for */
 };
 enum { DONE = 255 };
 
@@ -43,6 +53,7 @@ static uint32_t grow_ball(struct search *f, uint32_t v, int hops) {
   f->stamp++;
   f->seen[v] = f->stamp;
   f->hops[count] = 0;
+  f->slot[v] = 0;
   f->ball[count++] = v;
   for (uint32_t i = 0; i < count && f->hops[i] < hops; i++)
     for (uint32_t k = n->first[f->ball[i]], end = n->first[f->ball[i] + 1]; k < end && count < BALL; k++) {
@@ -52,39 +63,11 @@ static uint32_t grow_ball(struct search *f, uint32_t v, int hops) {
       if (f->seen[u] == f->stamp)
         continue;
       f->seen[u] = f->stamp;
+      f->slot[u] = count;
       f->hops[count] = (uint8_t)(f->hops[i] + 1);
       f->ball[count++] = u;
     }
   return count;
-}
-
-/* Where v seems to lie. */
-static void estimate(struct step *s, uint32_t v) {
-  const struct lod_adjacency *n = &s->adjacency, *corners = &s->corners;
-  const lod_v4 *e = s->estimates;
-  lod_v4 sum = {0, 0, 0, 0}, plain = {0, 0, 0, 0};
-  uint32_t known = 0, fans = 0, degree = n->first[v + 1] - n->first[v];
-  degree = degree > 32 ? 32 : degree;
-  for (uint32_t i = n->first[v]; i < n->first[v] + degree; i++)
-    if (s->estimated[n->list[i]]) {
-      plain += e[n->list[i]];
-      known++;
-    }
-  if (known == 0)
-    return;
-  if (known < degree)
-    for (uint32_t i = corners->first[v]; i < corners->first[v + 1] && i < corners->first[v] + 32; i++) {
-      uint32_t h = lod_half_edge_next(corners->list[i]), o = s->connectivity.opposite[h];
-      if (o == LOD_NONE)
-        continue;
-      uint32_t b = s->triangles[h / 3][h % 3], c = s->triangles[h / 3][(h + 1) % 3], a = s->triangles[o / 3][(o + 2) % 3];
-      if (!s->estimated[a] || !s->estimated[b] || !s->estimated[c] || a == v)
-        continue;
-      sum += e[b] + e[c] - e[a];
-      fans++;
-    }
-  s->estimates[v] = fans > 0 ? sum / (float)fans : plain / (float)known;
-  s->estimated[v] = 1;
 }
 
 static void keep(struct search *f, uint32_t base, uint32_t v) {
@@ -94,10 +77,173 @@ static void keep(struct search *f, uint32_t base, uint32_t v) {
   s->estimated[v] = 2;
   if (s->component[v] != LOD_NONE)
     f->has_kept[s->component[v]] = 1;
-  uint32_t count = grow_ball(f, v, REACH);
-  for (uint32_t i = 1; i < count; i++)
-    if (s->estimated[f->ball[i]] < 2)
-      estimate(s, f->ball[i]);
+}
+
+/* ---- two planes ---- */
+
+static struct complex times(struct complex a, struct complex b) {
+  return (struct complex){a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x};
+}
+
+/* e^(i angle), by squaring a short series. */
+static struct complex turn(double angle) {
+  double x = angle / 64, xx = x * x, c = 1 - xx / 2 * (1 - xx / 12 * (1 - xx / 30)), s = x * (1 - xx / 6 * (1 - xx / 20 * (1 - xx / 42)));
+  for (int i = 0; i < 6; i++) {
+    double t = c * c - s * s;
+    s = 2 * c * s;
+    c = t;
+  }
+  return (struct complex){(float)c, (float)s};
+}
+
+/* Neighbours of the ball's first vertex, evenly around it. */
+static void lay_out_ring(struct search *f, uint32_t v) {
+  const struct step *s = f->step;
+  const uint32_t *opposite = s->connectivity.opposite;
+  if (s->corners.first[v] == s->corners.first[v + 1])
+    return;
+  uint32_t start = s->corners.list[s->corners.first[v]], h = start, count = 1;
+  bool closed = false;
+  for (uint32_t i = 0; i < FANS; i++) { /* back to where the fan begins */
+    uint32_t o = opposite[h];
+    if (o == LOD_NONE)
+      break;
+    o = lod_half_edge_next(o);
+    closed = o == start;
+    if (closed)
+      break;
+    h = o;
+  }
+  start = h;
+  for (uint32_t e = h; count < FANS; count++) {
+    e = opposite[lod_half_edge_previous(e)];
+    if (e == LOD_NONE || e == start)
+      break;
+  }
+  const struct complex step = closed ? f->closed[count] : f->open[count];
+  struct complex at = {1, 0};
+  for (uint32_t i = 0; i < count; i++) {
+    const uint32_t *t = s->triangles[h / 3], u = t[(h + 1) % 3], last = t[(h + 2) % 3];
+    if (f->seen[u] == f->stamp)
+      f->plane[f->slot[u]] = at, f->laid[f->slot[u]] = true;
+    at = times(at, step);
+    h = opposite[lod_half_edge_previous(h)];
+    if (h == LOD_NONE && f->seen[last] == f->stamp)
+      f->plane[f->slot[last]] = at, f->laid[f->slot[last]] = true;
+    if (h == LOD_NONE || h == start)
+      return;
+  }
+}
+
+/* The ball in the plane: parallelograms from what is nearer to its middle. */
+static void lay_out(struct search *f, uint32_t count) {
+  const struct step *s = f->step;
+  const struct lod_adjacency *n = &s->adjacency;
+  memset(f->laid, 0, sizeof f->laid);
+  f->plane[0] = (struct complex){0, 0};
+  f->laid[0] = true;
+  lay_out_ring(f, f->ball[0]);
+  for (uint32_t i = 1; i < count; i++) {
+    const uint32_t v = f->ball[i], corners = s->corners.first[v + 1] - s->corners.first[v];
+    struct complex sum = {0, 0};
+    float fans = 0;
+    if (f->laid[i])
+      continue;
+    for (uint32_t k = 0; k < corners && k < FANS; k++) {
+      uint32_t h = lod_half_edge_next(s->corners.list[s->corners.first[v] + k]), o = s->connectivity.opposite[h];
+      if (o == LOD_NONE)
+        continue;
+      uint32_t b = s->triangles[h / 3][h % 3], c = s->triangles[h / 3][(h + 1) % 3], a = s->triangles[o / 3][(o + 2) % 3];
+      if (f->seen[a] != f->stamp || f->seen[b] != f->stamp || f->seen[c] != f->stamp)
+        continue;
+      a = f->slot[a], b = f->slot[b], c = f->slot[c];
+      if (!f->laid[a] || !f->laid[b] || !f->laid[c])
+        continue;
+      sum.x += f->plane[b].x + f->plane[c].x - f->plane[a].x;
+      sum.y += f->plane[b].y + f->plane[c].y - f->plane[a].y;
+      fans += 1;
+    }
+    for (uint32_t k = n->first[v]; fans == 0 && k < n->first[v + 1] && k < n->first[v] + DEGREE; k++) { /* farther out than its neighbour */
+      uint32_t u = n->list[k];
+      if (f->seen[u] != f->stamp || !f->laid[f->slot[u]])
+        continue;
+      float out = 1 + 1 / (float)f->hops[i];
+      sum = (struct complex){f->plane[f->slot[u]].x * out, f->plane[f->slot[u]].y * out};
+      fans = 1;
+    }
+    if (fans > 0) {
+      f->plane[i] = (struct complex){sum.x / fans, sum.y / fans};
+      f->laid[i] = true;
+    }
+  }
+}
+
+static lod_v4 cross(lod_v4 a, lod_v4 b) {
+  return (lod_v4){a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0], 0};
+}
+
+static float dot(lod_v4 a, lod_v4 b) {
+  lod_v4 c = a * b;
+  return c[0] + c[1] + c[2];
+}
+
+/* Two directions that span the base's tangent plane at a vertex. */
+static void tangents(const struct step_base *b, uint32_t v, lod_v4 axes[2]) {
+  const lod_v4 n = b->normals[v], x = {1, 0, 0, 0}, y = {0, 1, 0, 0};
+  const lod_v4 a = cross(n, n[0] * n[0] < 0.5f ? x : y);
+  const float length = dot(a, a);
+  axes[0] = length > 0 ? a * (1 / sqrtf(length)) : x;
+  axes[1] = length > 0 ? cross(n, axes[0]) : y;
+}
+
+/* Where `to` lies in that plane, as far away as it really is. */
+static struct complex unfold(const lod_v4 axes[2], lod_v4 to) {
+  struct complex z = {dot(axes[0], to), dot(axes[1], to)};
+  const float flat = z.x * z.x + z.y * z.y, whole = dot(to, to), stretch = flat > 0 ? sqrtf(whole / flat) : 0;
+  return (struct complex){z.x * stretch, z.y * stretch};
+}
+
+/* A vertex found in both planes. */
+struct pair {
+  struct complex w, z; /* in the finer level's, in the base's */
+};
+
+/* z = a w + b conj(w) + c: the affine map that takes the finer level's plane to the base's best near z = `at`. b, by which it is not a
+ * similarity, is held small. */
+struct affine {
+  struct complex a, b, c;
+};
+
+static struct affine fit_map(const struct pair *pairs, uint32_t count, struct complex at) {
+  struct complex w0 = {0, 0}, z0 = {0, 0}, w2 = {0, 0}, zc = {0, 0}, zw = {0, 0};
+  float sum = 0, ww = 0, weights[PAIRS], reach = (at.x * at.x + at.y * at.y) * 0.1f + 1e-12f;
+  for (uint32_t i = 0; i < count; i++) {
+    const float dx = pairs[i].z.x - at.x, dy = pairs[i].z.y - at.y, weight = 1 / (dx * dx + dy * dy + reach);
+    w0.x += weight * pairs[i].w.x, w0.y += weight * pairs[i].w.y;
+    z0.x += weight * pairs[i].z.x, z0.y += weight * pairs[i].z.y;
+    sum += weights[i] = weight;
+  }
+  w0.x /= sum, w0.y /= sum, z0.x /= sum, z0.y /= sum;
+  for (uint32_t i = 0; i < count; i++) {
+    const struct complex w = {pairs[i].w.x - w0.x, pairs[i].w.y - w0.y}, z = {pairs[i].z.x - z0.x, pairs[i].z.y - z0.y};
+    const struct complex c = {w.x, -w.y}, cc = times(c, c), p = times(z, c), q = times(z, w);
+    const float weight = weights[i] / sum;
+    ww += weight * (w.x * w.x + w.y * w.y);
+    w2.x += weight * cc.x, w2.y += weight * cc.y;
+    zc.x += weight * p.x, zc.y += weight * p.y;
+    zw.x += weight * q.x, zw.y += weight * q.y;
+  }
+  /* normal equations: ww a + conj(w)^2 b = z conj(w); w^2 a + (ww + small) b = z w */
+  const float other = ww * 1.25f + 0.01f, determinant = ww * other - (w2.x * w2.x + w2.y * w2.y);
+  const struct complex back = {w2.x, -w2.y}, p = times(w2, zw), q = times(back, zc);
+  struct affine map = {{0, 0}, {0, 0}, z0};
+  if (!(determinant > 1e-9f * ww * ww))
+    return map;
+  map.a = (struct complex){(other * zc.x - p.x) / determinant, (other * zc.y - p.y) / determinant};
+  map.b = (struct complex){(ww * zw.x - q.x) / determinant, (ww * zw.y - q.y) / determinant};
+  const struct complex aw = times(map.a, w0), bw = times(map.b, (struct complex){w0.x, -w0.y});
+  map.c = (struct complex){z0.x - aw.x - bw.x, z0.y - aw.y - bw.y};
+  return map;
 }
 
 /* ---- the order of the base's vertices ---- */
@@ -171,31 +317,59 @@ static bool code_explicit(struct search *f, uint32_t base, uint32_t actual, int 
 
 struct candidate {
   uint32_t vertex;
-  float distance;
+  float distance; /* squared, in edges of the finer level */
+  uint32_t hops;  /* from the anchor */
 };
 
-static uint32_t find_candidates(struct search *f, uint32_t base, struct candidate candidates[CANDIDATES]) {
-  struct step *s = f->step;
+/* The found neighbour that is nearest to a base vertex. */
+static uint32_t find_anchor(const struct search *f, uint32_t base) {
+  const struct step *s = f->step;
   const struct lod_adjacency *n = &s->base.adjacency;
-  const lod_v4 x = s->base.positions[base];
-  uint32_t anchor = LOD_NONE, count = 0;
+  uint32_t anchor = LOD_NONE;
   float nearest = 0;
   for (uint32_t i = n->first[base]; i < n->first[base + 1]; i++) {
     uint32_t u = n->list[i];
-    if (s->kept[u] == LOD_NONE)
-      continue;
-    float d = distance(x, s->base.positions[u]);
-    if (anchor == LOD_NONE || d < nearest) {
-      anchor = s->kept[u];
+    float d = s->kept[u] == LOD_NONE ? 0 : distance(s->base.positions[base], s->base.positions[u]);
+    if (s->kept[u] != LOD_NONE && (anchor == LOD_NONE || d < nearest)) {
+      anchor = u;
       nearest = d;
     }
   }
-  uint32_t ball = grow_ball(f, anchor, 5);
-  for (uint32_t i = 1; i < ball; i++) {
-    uint32_t v = f->ball[i];
-    if (s->estimated[v] != 1)
+  return anchor;
+}
+
+/* The found neighbours of base vertex `of` that lie in the ball. */
+static uint32_t gather(struct search *f, uint32_t of, lod_v4 origin, const lod_v4 axes[2], struct pair pairs[PAIRS], uint32_t count) {
+  const struct step *s = f->step;
+  const struct lod_adjacency *n = &s->base.adjacency;
+  for (uint32_t i = n->first[of]; i < n->first[of + 1] && i < n->first[of] + DEGREE && count < PAIRS; i++) {
+    uint32_t u = n->list[i], v = s->kept[u];
+    if (v == LOD_NONE || f->seen[v] != f->stamp || !f->laid[f->slot[v]] || f->slot[v] == 0 || f->used[f->slot[v]])
       continue;
-    float d = distance(x, s->estimates[v]);
+    f->used[f->slot[v]] = true;
+    pairs[count++] = (struct pair){f->plane[f->slot[v]], unfold(axes, s->base.positions[u] - origin)};
+  }
+  return count;
+}
+
+static uint32_t find_candidates(struct search *f, uint32_t base, struct candidate candidates[CANDIDATES]) {
+  struct step *s = f->step;
+  const uint32_t anchor = find_anchor(f, base), ball = grow_ball(f, s->kept[anchor], 6);
+  const lod_v4 origin = s->base.positions[anchor];
+  lod_v4 axes[2];
+  struct pair pairs[PAIRS] = {{{0, 0}, {0, 0}}};
+  uint32_t count = 0;
+  lay_out(f, ball);
+  tangents(&s->base, anchor, axes);
+  memset(f->used, 0, sizeof f->used);
+  const struct complex z = unfold(axes, s->base.positions[base] - origin);
+  const struct affine map = fit_map(pairs, gather(f, anchor, origin, axes, pairs, gather(f, base, origin, axes, pairs, 1)), z);
+  const float scale = map.a.x * map.a.x + map.a.y * map.a.y + map.b.x * map.b.x + map.b.y * map.b.y, unit = scale > 0 ? 1 / scale : 0;
+  for (uint32_t i = 1; i < ball; i++) {
+    if (s->estimated[f->ball[i]] == 2 || !f->laid[i])
+      continue;
+    const struct complex w = f->plane[i], c = {w.x, -w.y}, aw = times(map.a, w), bw = times(map.b, c);
+    const float dx = aw.x + bw.x + map.c.x - z.x, dy = aw.y + bw.y + map.c.y - z.y, d = (dx * dx + dy * dy) * unit;
     uint32_t k = count < CANDIDATES ? count++ : CANDIDATES;
     while (k > 0 && d < candidates[k - 1].distance) {
       if (k < CANDIDATES)
@@ -203,7 +377,7 @@ static uint32_t find_candidates(struct search *f, uint32_t base, struct candidat
       k--;
     }
     if (k < CANDIDATES)
-      candidates[k] = (struct candidate){v, d};
+      candidates[k] = (struct candidate){f->ball[i], d, f->hops[i]};
   }
   return count;
 }
@@ -217,6 +391,21 @@ static uint32_t lead(float nearer, float farther) {
   return n;
 }
 
+/* How many neighbours of a vertex are found, up to 3, and how many there are, up to 11: found vertices are seldom side by side. */
+static uint32_t surroundings(const struct search *f, uint32_t v, uint32_t *valence) {
+  const struct lod_adjacency *n = &f->step->adjacency;
+  uint32_t found = 0;
+  *valence = n->first[v + 1] - n->first[v];
+  for (uint32_t i = 0; i < *valence && i < DEGREE && found < 3; i++)
+    found += f->step->estimated[n->list[n->first[v] + i]] == 2;
+  *valence = *valence < 11 ? *valence : 11;
+  return found;
+}
+
+static uint32_t hops_of(uint32_t hops) {
+  return hops < 5 ? hops : 5;
+}
+
 static bool code_near(struct search *f, uint32_t base, uint32_t actual) {
   struct step *s = f->step;
   struct candidate candidates[CANDIDATES];
@@ -228,9 +417,12 @@ static bool code_near(struct search *f, uint32_t base, uint32_t actual) {
     float spread = i + 1 < count ? candidates[i + 1].distance : 1e30f;
     uint32_t ahead = lead(candidates[i].distance, spread),
              third = i + 2 < count ? lead(candidates[i].distance, candidates[i + 2].distance) : 15;
-    struct lod_bit_model *models[3] = {&f->models->rank[0][i][ahead][anchors], &f->models->rank[1][i][third][ahead / 2],
-                                       &f->models->rank[2][i][0][anchors]};
-    if (!lod_coder_mix(&s->coder, models, 3, &f->models->rank_mixer[i], LOD_ADAPT, rank == i))
+    uint32_t place = i < 3 ? i : 3, valence, beside = surroundings(f, candidates[i].vertex, &valence);
+    struct lod_bit_model *models[5] = {&f->models->rank[0][i][ahead][anchors], &f->models->rank[1][i][third][ahead / 2],
+                                       &f->models->near[lead(0.02f, candidates[i].distance)][beside][place],
+                                       &f->models->shape[valence][beside][place],
+                                       &f->models->far[hops_of(candidates[i].hops)][hops_of(candidates[0].hops)][place]};
+    if (!lod_coder_mix(&s->coder, models, 5, &f->models->rank_mixer[i][beside > 0], LOD_ADAPT, rank == i))
       continue;
     keep(f, base, candidates[i].vertex);
     finish(f, base, true);
@@ -246,16 +438,21 @@ static bool allocate(struct search *f) {
   f->queue_next = LOD_NEW(s->scratch, bases, uint32_t);
   f->state = LOD_NEW_ZERO(s->scratch, bases, uint8_t);
   f->seen = LOD_NEW_ZERO(s->scratch, vertices, uint32_t);
+  f->slot = LOD_NEW(s->scratch, vertices, uint32_t);
   f->has_kept = LOD_NEW_ZERO(s->scratch, s->connectivity.component_count, uint8_t);
   s->kept = LOD_NEW(s->scratch, bases, uint32_t);
   s->estimates = LOD_NEW_ZERO(s->scratch, vertices, lod_v4);
   s->estimated = LOD_NEW_ZERO(s->scratch, vertices, uint8_t);
   memset(f->head, 0xff, sizeof f->head);
   memset(f->tail, 0xff, sizeof f->tail);
-  if (f->models == NULL || f->queue_next == NULL || f->state == NULL || f->seen == NULL || f->has_kept == NULL || s->kept == NULL ||
-      s->estimates == NULL || s->estimated == NULL)
+  if (f->models == NULL || f->queue_next == NULL || f->state == NULL || f->seen == NULL || f->slot == NULL || f->has_kept == NULL ||
+      s->kept == NULL || s->estimates == NULL || s->estimated == NULL)
     return false;
   memset(s->kept, 0xff, (size_t)bases * sizeof *s->kept);
+  for (int i = 1; i <= FANS; i++) {
+    f->closed[i] = turn(6.283185307179586 / i);
+    f->open[i] = turn(3.141592653589793 / i);
+  }
   return true;
 }
 

@@ -22,6 +22,7 @@ struct step_base {
   uint32_t *rank;      /* the caller's -> ours */
   lod_v4 *positions;   /* in steps of the finer level's grid, from its origin */
   int32_t (*cells)[3]; /* the same, rounded */
+  lod_v4 *normals;     /* of unit length, or 0 */
   struct lod_adjacency adjacency;
 };
 LOD_WARN_UNUSED enum lod_status lod_step_base(const struct lod_mesh *mesh, const struct lod_delta_grid *grid, struct lod_arena *arena,
