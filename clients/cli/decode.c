@@ -1,10 +1,11 @@
-/* lodestream decode: a level, as a client sees it, as PLY. */
+/* lodestream decode: a level, or what deltas make of one, as a client sees it, as PLY. */
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "clients/cli/cli.h"
+#include "clients/cli/deltas.h"
 #include "codec/export/ply.h"
 #include "core/mesh/flatten.h"
 
@@ -17,9 +18,12 @@ static const struct cli_option kOptions[] = {
 
 const struct cli_command cli_decode = {
     .name = "decode",
-    .usage = "LEVEL.glb -o OUT.ply",
+    .usage = "LEVEL.glb | [LEVEL.glb] DELTA... -o OUT.ply",
     .sentence = "Decode a level to PLY: what a client sees, all instances placed.",
-    .text = "  lodestream decode levels/objects/3f9a... -o level.ply",
+    .text = "Deltas are applied to the level one after the other; the first may be a first picture, which needs no level (then the units\n"
+            "of a model with instances are not placed, as only a level's GLB says where).\n\n"
+            "  lodestream decode levels/objects/3f9a... -o level.ply\n"
+            "  lodestream decode families/retile/0.glb families/retile/0.delta.bin families/retile/1.delta.bin -o 2.ply",
     .options = kOptions,
     .run = run,
 };
@@ -42,8 +46,8 @@ static int run(int argc, char **argv) {
   const char *output = NULL, *value = NULL;
   while (cli_next(&arguments, &value) != NULL)
     output = value;
-  if (arguments.operand_count != 1)
-    return cli_usage(&cli_decode, "expected one LEVEL.glb, got %d", arguments.operand_count);
+  if (arguments.operand_count < 1)
+    return cli_usage(&cli_decode, "expected LEVEL.glb or DELTA...");
   if (output == NULL)
     return cli_usage(&cli_decode, "-o OUT.ply is missing");
   struct lod_problem problem = {0};
@@ -52,8 +56,12 @@ static int run(int argc, char **argv) {
   struct lod_mesh mesh;
   double rounding;
   struct lod_arena *arena = lod_arena_create(0);
-  enum lod_status status =
-      arena == NULL ? lod_fail_memory(&problem) : cli_import(arguments.operands[0], NULL, arena, &model, &file, &problem);
+  const int first = cli_is_delta(arguments.operands[0]) ? 0 : 1; /* delta */
+  enum lod_status status = arena == NULL ? lod_fail_memory(&problem) : LOD_OK;
+  if (status == LOD_OK && first == 1)
+    status = cli_import(arguments.operands[0], NULL, arena, &model, &file, &problem);
+  for (int i = first; status == LOD_OK && i < arguments.operand_count; i++)
+    status = cli_apply_deltas(arguments.operands[i], i > 0, &model, arena, &problem);
   if (status == LOD_OK)
     status = lod_model_flatten(&model, arena, &mesh, &rounding, &problem);
   if (status == LOD_OK)

@@ -3,6 +3,7 @@
 #ifndef LOD_CODEC_EXPORT_GLB_H
 #define LOD_CODEC_EXPORT_GLB_H
 
+#include "codec/export/draco.h"
 #include "core/mesh/model.h"
 
 /* Positions lie on a grid per unit: origin + step * integer, the same grid for all parts of the unit, so that shared vertices coincide. */
@@ -31,6 +32,10 @@ struct lod_glb_settings lod_glb_defaults(void);
 LOD_WARN_UNUSED enum lod_status lod_glb_write(const struct lod_model *model, const struct lod_mesh *meshes,
                                               const struct lod_glb_settings *settings, struct lod_arena *arena, uint8_t **bytes,
                                               size_t *size, struct lod_problem *problem);
+
+/* The grid on which lod_glb_write puts the positions of a unit's level: with lod_draco_grid_index and lod_draco_grid_point, where each
+ * vertex goes. position_error: in unit space, so that of the settings over the unit's scale. */
+struct lod_draco_grid lod_glb_grid(const struct lod_mesh *mesh, double position_error);
 
 /* Decodes what lod_glb_write wrote: unit_count meshes in unit space (welded by position; parts and materials tagged as the model has
  * them), the way a client sees it. Checks every length and index; reads only this file's own kind of GLB (import.h reads any). Used to

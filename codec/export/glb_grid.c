@@ -20,7 +20,7 @@ static size_t table_size(size_t entries) {
 }
 
 /* One grid for the whole unit, so that vertices that parts share stay shared. */
-static struct lod_draco_grid choose_grid(const struct lod_mesh *mesh, double position_error) {
+struct lod_draco_grid lod_glb_grid(const struct lod_mesh *mesh, double position_error) {
   struct lod_bounds bounds = lod_mesh_bounds(mesh);
   float min[3], max[3];
   for (int i = 0; i < 3; i++) {
@@ -231,7 +231,7 @@ static enum lod_status collect_rest(struct glb_unit *unit, const uint32_t *colla
 
 enum lod_status lod_glb_quantise(const struct lod_mesh *mesh, uint32_t only_part, double position_error, struct lod_arena *arena,
                                  struct glb_unit *unit, struct lod_problem *problem) {
-  *unit = (struct glb_unit){.mesh = mesh, .only_part = only_part, .grid = choose_grid(mesh, position_error)};
+  *unit = (struct glb_unit){.mesh = mesh, .only_part = only_part, .grid = lod_glb_grid(mesh, position_error)};
   LOD_TRY(weld(mesh, arena, unit, problem));
   struct lod_arena *scratch = lod_arena_create_child(arena);
   uint32_t *collapsed = scratch == NULL ? NULL : LOD_NEW(scratch, mesh->triangle_count, uint32_t);

@@ -1,12 +1,11 @@
 /* The level that a query asks for. */
 #include <stdio.h>
 
-#include "server/http/routes.h"
+#include "server/http/deltas.h"
 #include "server/http/select.h"
 
 static void describe(struct lod_reply *reply, const struct lod_selection *selection, const struct lod_choice *choice) {
   char number[32];
-  lod_reply_header(reply, "Content-Location", "/v1/objects/%s", choice->level->sha256);
   lod_reply_header(reply, "Lod-Family", "%s", choice->family->name);
   lod_reply_header(reply, "Lod-Level", "%u", choice->level->level);
   lod_format_number(choice->level->facts.error, number);
@@ -47,8 +46,32 @@ static void answer_choice(struct lod_exchange *exchange, const struct lod_select
     lod_reply_problem(&exchange->reply, 503, "model-changed", "The model changed while the level was chosen; ask again.", "");
     lod_reply_header(&exchange->reply, "Retry-After", "1");
   } else {
+    lod_reply_header(&exchange->reply, "Content-Location", "/v1/objects/%s", name);
     answer_body(exchange, selection, choice, body, type);
   }
+}
+
+/* The steps from the level that the client has, where these are fewer bytes than the level. False: send the level. */
+static bool answer_steps(struct lod_exchange *exchange, const struct lod_selection *selection, const struct lod_choice *choice,
+                         bool may_block) {
+  struct lod_query_problem problem = {0};
+  struct lod_chain chain;
+  struct lod_body *body;
+  if (selection->have == UINT32_MAX || !lod_chain_find(choice->family, selection->have, choice->level->level, &chain) ||
+      chain.bytes >= choice->level->facts.bytes)
+    return false;
+  if (lod_chain_body(exchange->service, &chain, may_block, &body, &problem.problem) != LOD_OK) {
+    lod_reply_failure(&exchange->reply, &problem);
+  } else if (!body && !may_block) {
+    exchange->work = choose_and_open;
+  } else if (!body) {
+    return false; /* answer_choice finds out why */
+  } else {
+    answer_body(exchange, selection, choice, body, LOD_DELTA_MEDIA_TYPE);
+    lod_chain_etag(&chain, exchange->reply.etag);
+    lod_reply_header(&exchange->reply, "Lod-From", "%u", selection->have);
+  }
+  return true;
 }
 
 static void answer_level(struct lod_exchange *exchange, bool may_block) {
@@ -65,7 +88,7 @@ static void answer_level(struct lod_exchange *exchange, bool may_block) {
     lod_exchange_unknown_model(exchange, id);
   else if (lod_selection_choose(&selection, model, &choice, &problem) != LOD_OK)
     lod_reply_failure(&exchange->reply, &problem);
-  else
+  else if (!answer_steps(exchange, &selection, &choice, may_block))
     answer_choice(exchange, &selection, &choice, may_block);
   lod_store_model_release(model);
 }

@@ -12,6 +12,7 @@
 
 static const char *const kNone[] = {NULL};
 static const char *const kPage[] = {"limit", "after", NULL};
+static const char *const kDelta[] = {"family", "from", "to", NULL};
 static const char *const kUpload[] = {"name", "format", NULL};
 
 static const struct lod_route kRoutes[] = {
@@ -24,6 +25,7 @@ static const struct lod_route kRoutes[] = {
     {LOD_PUT, "/v1/models/{id}", kUpload, true, lod_begin_upload, lod_body_upload, lod_answer_upload},
     {LOD_DELETE, "/v1/models/{id}", kNone, true, NULL, NULL, lod_answer_model_delete},
     {LOD_GET, "/v1/models/{id}/level", NULL, false, NULL, NULL, lod_answer_level},
+    {LOD_GET, "/v1/models/{id}/delta", kDelta, false, NULL, NULL, lod_answer_delta},
     {LOD_GET, "/v1/models/{id}/tileset.json", kNone, false, NULL, NULL, lod_answer_document},
     {LOD_GET, "/v1/models/{id}/model.glb", kNone, false, NULL, NULL, lod_answer_document},
     /* A GLB names its textures by bare sibling names, so they resolve wherever it was fetched from. */
@@ -219,7 +221,8 @@ void lod_routes_headers(const struct lod_exchange *exchange, void (*emit)(void *
   if (origin) {
     emit(context, "Access-Control-Allow-Origin", origin);
     emit(context, "Access-Control-Expose-Headers",
-         "ETag, Content-Range, Content-Location, Location, Retry-After, Lod-Family, Lod-Level, Lod-Error, Lod-Screen-Error, Lod-Triangles, "
+         "ETag, Content-Range, Content-Location, Location, Retry-After, Lod-Family, Lod-From, Lod-Level, Lod-Error, Lod-Screen-Error, "
+         "Lod-Triangles, "
          "Server-Timing, X-Request-Id");
     emit(context, "Timing-Allow-Origin", origin);
   }

@@ -97,6 +97,7 @@ void lod_begin_upload(struct lod_exchange *exchange);
 void lod_body_upload(struct lod_exchange *exchange, const char *bytes, size_t size);
 void lod_answer_upload(struct lod_exchange *exchange);
 void lod_answer_level(struct lod_exchange *exchange);
+void lod_answer_delta(struct lod_exchange *exchange);
 void lod_answer_object(struct lod_exchange *exchange);
 void lod_answer_document(struct lod_exchange *exchange);
 void lod_answer_job(struct lod_exchange *exchange);

@@ -7,7 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const kKnown[] = {"error", "px", "distance", "fov", "height", "max_bytes", "max_triangles", "rule", "x", "family", NULL};
+static const char *const kKnown[] = {"error",         "px",   "distance", "fov",    "height", "max_bytes",
+                                     "max_triangles", "rule", "x",        "family", "have",   NULL};
 
 /* Every parameter that belongs to one selector alone, in the order in which a selector is recognised. Two of different selectors
  * contradict. */
@@ -99,7 +100,7 @@ static enum lod_status parse_limit(const struct lod_target *target, enum selecto
 }
 
 enum lod_status lod_selection_parse(const struct lod_target *target, struct lod_selection *selection, struct lod_query_problem *problem) {
-  *selection = (struct lod_selection){0};
+  *selection = (struct lod_selection){.have = UINT32_MAX};
   LOD_TRY(lod_target_check_names(target, kKnown, problem));
   enum selector selector;
   LOD_TRY(find_selector(target, &selector, problem));
@@ -109,6 +110,14 @@ enum lod_status lod_selection_parse(const struct lod_target *target, struct lod_
     if (!*family || strlen(family) > LOD_FAMILY_NAME_MAX)
       return lod_parameter_fail(problem, "family", "'family' must be 'auto' or the name of a family, not '%.40s'.", family);
     snprintf(selection->family, sizeof selection->family, "%s", family);
+  }
+  const char *have = lod_target_find(target, "have");
+  if (have && !selection->family[0])
+    return lod_parameter_fail(problem, "have", "'have' is the number of a level of one family: name it by 'family'.");
+  uint64_t number = 0;
+  if (have) {
+    LOD_TRY(lod_parameter_integer("have", have, 0, 65535, &number, problem));
+    selection->have = (uint32_t)number;
   }
   return LOD_OK;
 }

@@ -14,6 +14,7 @@ struct lod_selection {
   bool has_view; /* view is set: a screen error can be told */
   struct lod_view view;
   char family[LOD_FAMILY_NAME_MAX + 1]; /* "" = any */
+  uint32_t have;                        /* level of that family that the client has; UINT32_MAX = none */
 };
 
 /* Reads exactly one selector:
@@ -21,7 +22,8 @@ struct lod_selection {
  *   [px=1] distance=D [fov=60] [height=1080]     pixels, model units, degrees (vertical), pixels; this one when there is none
  *   max_bytes=N | max_triangles=N
  *   rule=cell x=X distance=D [fov=60] [height=1080]    Low & Tan's rule: the largest cell not over X * R
- * and family=auto|NAME. Zero, negative, not finite, unknown, given twice, contradictory: LOD_BAD_INPUT naming the parameter. */
+ * and family=auto|NAME, and beside a NAME have=K, the level of it that the client has. Zero, negative, not finite, unknown, given twice,
+ * contradictory: LOD_BAD_INPUT naming the parameter. */
 LOD_WARN_UNUSED enum lod_status lod_selection_parse(const struct lod_target *target, struct lod_selection *selection,
                                                     struct lod_query_problem *problem);
 

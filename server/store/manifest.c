@@ -133,6 +133,28 @@ static bool is_family_name(const char *name) {
   return length >= 1 && length <= 32 && strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-") == length && strcmp(name, "auto") != 0;
 }
 
+/* level.delta or level.first: name and bytes. */
+static enum lod_status read_step(const json_t *level, size_t index, const char *where, const char *key, char name[LOD_SHA256_HEX + 1],
+                                 uint64_t *bytes, struct lod_problem *problem) {
+  const json_t *json = json_object_get(level, key);
+  uint64_t to = 0;
+  if (json == NULL)
+    return LOD_OK;
+  const char *object = json_string_value(json_object_get(json, "object"));
+  if (!json_is_object(json) || object == NULL || !is_sha256(object))
+    return BAD("%s.levels[%zu].%s is not an object with an object's name", where, index, key);
+  LOD_TRY(get_count(json, where, "bytes", bytes, problem));
+  if (strcmp(key, "delta") == 0)
+    LOD_TRY(get_count(json, where, "to", &to, problem));
+  else if (json_string_value(json_object_get(json, "type")) == NULL ||
+           strcmp(json_string_value(json_object_get(json, "type")), kDeltaType) != 0)
+    return BAD("%s.levels[%zu].%s.type is not %s", where, index, key, kDeltaType);
+  if (strcmp(key, "delta") == 0 ? to != index + 1 : index != 0)
+    return BAD("%s.levels[%zu].%s leads somewhere else than to the next level", where, index, key);
+  memcpy(name, object, LOD_SHA256_HEX + 1);
+  return LOD_OK;
+}
+
 static enum lod_status read_level(const json_t *json, size_t index, const char *where, bool whole, struct lod_stored_level *level,
                                   struct lod_problem *problem) {
   uint64_t number = 0, count = 0;
@@ -163,7 +185,8 @@ static enum lod_status read_level(const json_t *json, size_t index, const char *
   if (!is_sha256(name) || level->type == NULL)
     return BAD("%s.levels[%zu]: object or type is wrong", where, index);
   memcpy(level->sha256, name, sizeof level->sha256);
-  return LOD_OK;
+  LOD_TRY(read_step(json, index, where, "delta", level->delta, &level->delta_bytes, problem));
+  return read_step(json, index, where, "first", level->first, &level->first_bytes, problem);
 }
 
 /* whole: of the whole model, which selection uses; else of a part, where the GLB's name and size may be left out. */
@@ -185,6 +208,8 @@ static enum lod_status read_family(const char *name, const json_t *json, bool wh
   family->level_count = (uint32_t)count;
   for (size_t i = 0; i < count; i++)
     LOD_TRY(read_level(json_array_get(levels, i), i, name, whole, &family->levels[i], problem));
+  if (family->levels[count - 1].delta[0] != '\0')
+    return BAD("%s.levels: the last one has a delta, to no level", name);
   return LOD_OK;
 }
 

@@ -55,6 +55,9 @@ struct lod_stored_level {
   struct lod_level_facts facts;
   char sha256[LOD_SHA256_HEX + 1];
   const char *type;
+  /* The step to the next level; of level 0 also the level itself in the form of a step. "" and 0 = none. */
+  char delta[LOD_SHA256_HEX + 1], first[LOD_SHA256_HEX + 1];
+  uint64_t delta_bytes, first_bytes;
 };
 struct lod_stored_family {
   const char *name;

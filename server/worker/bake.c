@@ -13,6 +13,7 @@
 #include "core/mesh/copy.h"
 #include "core/mesh/topology.h"
 #include "core/retile/retile.h"
+#include "server/worker/deltas.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
 
@@ -293,6 +294,7 @@ struct family_job {
   struct lod_baked_family *family;
   struct pending *pending;
   uint32_t pending_count;
+  struct lod_level *made; /* all levels of the family, as it made them, in that order; those of the source first */
   pthread_mutex_t lock;
   double waiting, done;                 /* triangles: of the levels that are pending, of those among them that are baked */
   struct lod_progress_span build;       /* what the family itself does, */
@@ -321,6 +323,18 @@ static uint32_t *const *copy_maps(const struct bake *bake, uint32_t *const *maps
   return copy;
 }
 
+static uint32_t *const *copy_parents(const struct bake *bake, const struct lod_level *level, struct lod_arena *arena, bool *ok) {
+  if (level->parents == NULL)
+    return NULL;
+  uint32_t **copy = LOD_NEW_ZERO(arena, bake->model.unit_count, uint32_t *);
+  for (uint32_t u = 0; copy != NULL && u < bake->model.unit_count; u++)
+    if (level->parents[u] != NULL &&
+        (copy[u] = lod_arena_copy(arena, level->parents[u], level->meshes[u].vertex_count * sizeof **copy)) == NULL)
+      *ok = false;
+  *ok = *ok && copy != NULL;
+  return copy;
+}
+
 static enum lod_status add_pending(struct family_job *job, const struct lod_level *level, double position_error) {
   struct bake *bake = job->bake;
   if (job->pending_count == MAX_LEVELS)
@@ -336,7 +350,7 @@ static enum lod_status add_pending(struct family_job *job, const struct lod_leve
     ok = lod_mesh_copy(&level->meshes[u], pending->arena, &pending->level.meshes[u]) == LOD_OK;
   pending->level.images = copy_maps(bake, level->images, true, pending->arena, &ok);
   pending->level.nearby = copy_maps(bake, level->nearby, false, pending->arena, &ok);
-  pending->level.parents = NULL;
+  pending->level.parents = copy_parents(bake, level, pending->arena, &ok);
   job->waiting += (double)level_triangles(bake, level);
   return ok ? LOD_OK : lod_fail_memory(bake->problem);
 }
@@ -364,8 +378,10 @@ static void bake_chunk(void *context, size_t begin, size_t end, size_t chunk) {
 static enum lod_status bake_pending(struct family_job *job) {
   struct bake *bake = job->bake;
   struct lod_baked_family *family = job->family;
-  for (uint32_t i = 0; i < job->pending_count; i++)
+  for (uint32_t i = 0; i < job->pending_count; i++) {
     job->pending[i].baked = &family->levels[family->level_count + i];
+    job->made[family->level_count + i] = job->pending[i].level;
+  }
   lod_parallel_for(bake->request->threads, job->pending_count, 1, bake_chunk, job);
   enum lod_status status = LOD_OK;
   for (uint32_t i = 0; i < job->pending_count; i++) {
@@ -381,7 +397,8 @@ static enum lod_status bake_pending(struct family_job *job) {
     else if (status == LOD_CANCELLED)
       lod_fail(bake->problem, LOD_CANCELLED, "cancelled", "The bake was cancelled.");
   }
-  family->level_count += job->pending_count;
+  for (uint32_t i = 0; i < job->pending_count; i++, family->level_count++)
+    family->levels[family->level_count].made = family->level_count;
   job->pending_count = 0;
   job->waiting = job->done = 0;
   return status;
@@ -471,7 +488,8 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
   lod_progress_span_init(&job.build, bake->request->progress, begin, begin + kBuilt * share);
   family->levels = LOD_NEW_ZERO(bake->arena, MAX_LEVELS + SOURCE_LEVELS, struct lod_baked_level);
   job.pending = LOD_NEW_ZERO(bake->arena, MAX_LEVELS, struct pending);
-  if (family->levels == NULL || job.pending == NULL)
+  job.made = LOD_NEW_ZERO(bake->arena, MAX_LEVELS + SOURCE_LEVELS, struct lod_level);
+  if (family->levels == NULL || job.pending == NULL || job.made == NULL)
     return lod_fail_memory(bake->problem);
   lod_progress_report(&job.build.step, family->family->name, 0);
   enum lod_status status = gather_levels(bake, index, &job);
@@ -491,7 +509,16 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
     struct lod_baked_level *level = &family->levels[i];
     LOD_TRY(lod_output_object(bake->request->directory_fd, level->bytes, level->size, level->object, bake->problem));
   }
-  return LOD_OK;
+  if (!family->family->nested)
+    return LOD_OK;
+  struct lod_deltas_request deltas = {.model = &bake->model,
+                                      .levels = family->levels,
+                                      .level_count = family->level_count,
+                                      .made = job.made,
+                                      .source_levels = SOURCE_LEVELS,
+                                      .directory_fd = bake->request->directory_fd,
+                                      .progress = bake->request->progress};
+  return lod_deltas_bake(&deltas, bake->arena, bake->problem);
 }
 
 static enum lod_status run(struct bake *bake, double started) {

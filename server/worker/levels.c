@@ -77,6 +77,7 @@ static enum lod_status encode(const struct lod_level_baker *baker, const struct 
   settings.threads = baker->threads;
   settings.image_uris = baker->image_uris;
   settings.generator = "Lodestream " LOD_VERSION;
+  baked->position_error = position_error;
   LOD_TRY(lod_glb_write(model, level->meshes, &settings, arena, &baked->bytes, &baked->size, problem));
 
   struct lod_arena *scratch = lod_arena_create_child(arena);
@@ -116,6 +117,9 @@ enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct
       return status;
     }
     bool good = position_error > 0 || 4 * quantisation <= result.error.upper || quantisation <= least || attempt == ATTEMPTS - 1;
+    /* A family without a bound of its own was only measured: now its error is known. */
+    if (!isfinite(level->bound) && attempt == 0 && position_error <= 0 && 8 * quantisation < result.error.upper)
+      good = false;
     if (good) {
       *baked = result;
       baked->bytes = lod_arena_copy(arena, result.bytes, result.size);

@@ -13,6 +13,12 @@ struct lod_part_figures {
   double error; /* bound of the part's unit, model units */
 };
 
+/* A step in codec/stream's form, a frame a unit; size 0 = there is none. */
+struct lod_baked_delta {
+  size_t size;
+  char object[LOD_HASH_HEX + 1];
+};
+
 struct lod_baked_level {
   uint64_t vertices, triangles, edges, points; /* as decoded; instances not counted */
   struct lod_interval error;                   /* certified, model units, quantisation and import rounding included */
@@ -21,6 +27,10 @@ struct lod_baked_level {
   size_t size;
   char object[LOD_HASH_HEX + 1];  /* set when it is written */
   struct lod_part_figures *parts; /* part_count */
+  double position_error;          /* of its quantisation, model units */
+  uint32_t made;                  /* place among the levels that the family made, finest first */
+  struct lod_baked_delta delta;   /* to the next finer level; of the coarsest also: */
+  struct lod_baked_delta first;   /* the level itself in the form of a delta */
 };
 
 /* What all levels of a model share. */

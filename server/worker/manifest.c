@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "codec/export/interop.h"
+#include "codec/stream/delta.h"
 
 /* Numbers are written with 9 digits, so an upper bound is first raised above what that rounding may take away. */
 static json_t *upper_bound(double value) {
@@ -39,6 +40,14 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index) {
   json_object_set_new(json, "bytes", json_integer((json_int_t)level->size));
   json_object_set_new(json, "object", json_string(level->object));
   json_object_set_new(json, "type", json_string("model/gltf-binary"));
+  if (level->delta.size != 0)
+    json_object_set_new(
+        json, "delta",
+        json_pack("{sI sI ss}", "to", (json_int_t)index + 1, "bytes", (json_int_t)level->delta.size, "object", level->delta.object));
+  if (level->first.size != 0)
+    json_object_set_new(
+        json, "first",
+        json_pack("{sI ss ss}", "bytes", (json_int_t)level->first.size, "object", level->first.object, "type", LOD_DELTA_TYPE));
   return json;
 }
 

@@ -88,7 +88,7 @@ test('what is not there is a 404 problem', async () => {
   const types = {
     '/nope': 'unknown-path', '/v1/models/none': 'unknown-model', '/v1/models/none/level?error=1': 'unknown-model',
     [`/v1/objects/${'0'.repeat(64)}`]: 'unknown-object', '/v1/objects/abc': 'unknown-path', '/v1/jobs/999': 'unknown-job',
-    '/v1/jobs/999/events': 'unknown-job', '/v1/models/bunny/delta?from=0&to=1': 'unknown-path',
+    '/v1/jobs/999/events': 'unknown-job', '/v1/models/bunny/delta?from=0&to=1': 'no-delta',
   };
   for (const [target, type] of Object.entries(types)) {
     const { status, json } = await daemon.json(target);

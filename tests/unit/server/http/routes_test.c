@@ -183,7 +183,7 @@ static void unknown_paths_are_404(void **state) {
                                        "/v1/",
                                        "/healthz/",
                                        "/v1/models/",
-                                       "/v1/models/a/delta",
+                                       "/v1/models/a/deltas",
                                        "/v1/models/a/level/x",
                                        "/v1/jobs/x",
                                        "/v1/jobs/99999999999999999999",

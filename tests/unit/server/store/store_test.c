@@ -440,6 +440,55 @@ static void a_delta_is_an_object_that_later_bakes_may_share(void **state) {
   lod_store_object_release(object);
 }
 
+static void a_delta_is_known_by_the_level_that_it_starts_from(void **state) {
+  struct fixture *fixture = *state;
+  char digest[LOD_SHA256_HEX + 1];
+  int fd = bake_folder(fixture);
+  lod_sha256_text("a delta", 7, digest);
+  write_bake_with_delta(fd, digest);
+  assert_int_equal(lod_store_commit_bake(fixture->store, "cube", fd, NULL), LOD_OK);
+  close(fd);
+  struct lod_stored_model *model = lod_store_model_open(fixture->store, "cube");
+  assert_string_equal(model->families[0].levels[0].delta, digest);
+  assert_int_equal(model->families[0].levels[0].delta_bytes, 7);
+  assert_string_equal(model->families[0].levels[1].delta, "");
+  assert_string_equal(model->families[0].levels[0].first, "");
+  lod_store_model_release(model);
+}
+
+static void a_delta_that_does_not_lead_to_the_next_level_is_refused(void **state) {
+  struct fixture *fixture = *state;
+  static const struct {
+    const char *good, *bad;
+  } kCases[] = {
+      {"\"delta\":{\"to\":1", "\"delta\":{\"to\":2"},
+      {"\"delta\":{\"to\":1", "\"delta\":{\"to\":0"},
+      {"\"delta\":{\"to\":1,\"bytes\":7", "\"delta\":{\"to\":1,\"bytes\":-7"},
+      {"\"delta\":{\"to\":1", "\"first\":{\"type\":\"text/html\",\"to\":1"},
+      {"\"delta\":{\"to\":1,\"bytes\":7,\"object\":\"", "\"delta\":{\"to\":1,\"bytes\":7,\"object\":\"x"},
+  };
+  char digest[LOD_SHA256_HEX + 1], text[8192];
+  lod_sha256_text("a delta", 7, digest);
+  for (size_t i = 0; i < sizeof kCases / sizeof *kCases; i++) {
+    struct lod_problem problem = {0};
+    int fd = bake_folder(fixture);
+    write_bake_with_delta(fd, digest);
+    int file = openat(fd, "manifest.json", O_RDONLY | O_CLOEXEC);
+    ssize_t size = read(file, text, sizeof text - 1);
+    close(file);
+    assert_true(size > 0);
+    text[size] = '\0';
+    char *at = strstr(text, kCases[i].good);
+    assert_non_null(at);
+    char changed[8192];
+    snprintf(changed, sizeof changed, "%.*s%s%s", (int)(at - text), text, kCases[i].bad, at + strlen(kCases[i].good));
+    assert_int_equal(write_file_at(fd, "manifest.json", changed, strlen(changed)), 0);
+    assert_int_equal(lod_store_commit_bake(fixture->store, "cube", fd, &problem), LOD_BAD_INPUT);
+    assert_string_equal(problem.type, "bad-manifest");
+    close(fd);
+  }
+}
+
 static void a_bake_over_the_quota_is_refused_and_replacing_is_not(void **state) {
   struct fixture *fixture = *state;
   struct lod_problem problem = {0};
@@ -744,6 +793,8 @@ int main(void) {
       TEST(a_bake_that_lies_changes_nothing),
       TEST(files_that_the_manifest_does_not_name_stay_outside),
       TEST(a_delta_is_an_object_that_later_bakes_may_share),
+      TEST(a_delta_is_known_by_the_level_that_it_starts_from),
+      TEST(a_delta_that_does_not_lead_to_the_next_level_is_refused),
       TEST(a_bake_over_the_quota_is_refused_and_replacing_is_not),
       TEST(a_store_is_held_by_one_process),
       TEST(leftovers_are_swept_at_the_next_start),
