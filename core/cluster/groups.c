@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/base/sets.h"
 #include "core/cluster/internal.h"
 
 /* Heap sort: in place, no recursion, no bad case. */
@@ -24,24 +25,6 @@ static void sort_values(uint64_t *values, size_t count) {
     }
     values[hole] = value;
   }
-}
-
-/* Union-find without ranks: roots are the smallest index of their set. */
-static uint32_t find_root(uint32_t *parent, uint32_t i) {
-  while (parent[i] != i) {
-    parent[i] = parent[parent[i]];
-    i = parent[i];
-  }
-  return i;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b) {
-  a = find_root(parent, a);
-  b = find_root(parent, b);
-  if (a < b)
-    parent[b] = a;
-  else
-    parent[a] = b;
 }
 
 static enum lod_status list_wedges(struct cluster_unit *unit, struct lod_arena *arena) {
@@ -78,7 +61,7 @@ static uint64_t uv_hash(const struct lod_mesh *mesh, uint32_t wedge) {
  * 32-bit hash would only join two charts that meet at that vertex. */
 static enum lod_status find_charts(struct cluster_unit *unit, struct lod_arena *arena, struct lod_arena *scratch) {
   const struct lod_mesh *mesh = unit->mesh;
-  uint32_t *chart = LOD_NEW(arena, mesh->wedge_count, uint32_t), most = 0;
+  uint32_t *chart = lod_sets_create(arena, mesh->wedge_count), most = 0;
   for (uint32_t v = 0; v < mesh->vertex_count; v++) {
     uint32_t count = unit->wedges.begin[v + 1] - unit->wedges.begin[v];
     most = count > most ? count : most;
@@ -86,11 +69,9 @@ static enum lod_status find_charts(struct cluster_unit *unit, struct lod_arena *
   uint64_t *sorted = LOD_NEW(scratch, most, uint64_t);
   if (chart == NULL || sorted == NULL)
     return LOD_MEMORY;
-  for (uint32_t w = 0; w < mesh->wedge_count; w++)
-    chart[w] = w;
   for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-    join(chart, mesh->corners[t][0], mesh->corners[t][1]);
-    join(chart, mesh->corners[t][0], mesh->corners[t][2]);
+    lod_sets_join(chart, mesh->corners[t][0], mesh->corners[t][1]);
+    lod_sets_join(chart, mesh->corners[t][0], mesh->corners[t][2]);
   }
   for (uint32_t v = 0; v < mesh->vertex_count; v++) {
     const uint32_t *list = unit->wedges.list + unit->wedges.begin[v];
@@ -102,10 +83,10 @@ static enum lod_status find_charts(struct cluster_unit *unit, struct lod_arena *
     sort_values(sorted, count);
     for (uint32_t i = 1; i < count; i++)
       if (sorted[i] >> 32 == sorted[i - 1] >> 32)
-        join(chart, (uint32_t)sorted[i], (uint32_t)sorted[i - 1]);
+        lod_sets_join(chart, (uint32_t)sorted[i], (uint32_t)sorted[i - 1]);
   }
   for (uint32_t w = 0; w < mesh->wedge_count; w++)
-    chart[w] = find_root(chart, w);
+    chart[w] = lod_sets_find(chart, w);
   unit->wedges.chart = chart;
   return LOD_OK;
 }

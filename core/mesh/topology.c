@@ -4,28 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Disjoint sets with path halving; the lower root wins, so that results do not depend on order. */
-static uint32_t find_root(uint32_t *up, uint32_t x) {
-  while (up[x] != x)
-    x = up[x] = up[up[x]];
-  return x;
-}
-
-static void unite(uint32_t *up, uint32_t a, uint32_t b) {
-  a = find_root(up, a);
-  b = find_root(up, b);
-  if (a < b)
-    up[b] = a;
-  else
-    up[a] = b;
-}
-
-static uint32_t *singletons(struct lod_arena *arena, uint32_t count) {
-  uint32_t *up = LOD_NEW(arena, count, uint32_t);
-  for (uint32_t i = 0; up != NULL && i < count; i++)
-    up[i] = i;
-  return up;
-}
+#include "core/base/sets.h"
 
 struct work {
   const struct lod_mesh *mesh;
@@ -38,22 +17,22 @@ struct work {
 static bool count_components(const struct work *w) {
   const struct lod_mesh *mesh = w->mesh;
   const struct lod_adjacency *adjacency = w->adjacency;
-  uint32_t *up = singletons(w->scratch, mesh->vertex_count), *border = singletons(w->scratch, mesh->vertex_count);
+  uint32_t *up = lod_sets_create(w->scratch, mesh->vertex_count), *border = lod_sets_create(w->scratch, mesh->vertex_count);
   uint8_t *on_border = LOD_NEW_ZERO(w->scratch, mesh->vertex_count, uint8_t);
   if (up == NULL || border == NULL || on_border == NULL)
     return false;
   for (uint32_t e = 0; e < adjacency->edge_count; e++) {
     uint32_t first = adjacency->edge_begin[e], h = adjacency->edge_half_edges[first];
     uint32_t a = lod_half_edge_start(mesh, h), b = lod_half_edge_end(mesh, h);
-    unite(up, a, b);
+    lod_sets_join(up, a, b);
     if (adjacency->edge_begin[e + 1] == first + 1) {
-      unite(border, a, b);
+      lod_sets_join(border, a, b);
       on_border[a] = on_border[b] = 1;
     }
   }
   for (uint32_t v = 0; v < mesh->vertex_count; v++) {
-    w->out->components += adjacency->vertex_begin[v] < adjacency->vertex_begin[v + 1] && find_root(up, v) == v;
-    w->out->boundary_loops += on_border[v] && find_root(border, v) == v;
+    w->out->components += adjacency->vertex_begin[v] < adjacency->vertex_begin[v + 1] && lod_sets_find(up, v) == v;
+    w->out->boundary_loops += on_border[v] && lod_sets_find(border, v) == v;
   }
   return true;
 }
@@ -61,7 +40,7 @@ static bool count_components(const struct work *w) {
 /* A vertex whose fans are joined by an edge where adjacency cut the surface is no bow tie: only what hangs by the vertex alone is. */
 static bool count_bow_ties(const struct work *w) {
   const struct lod_adjacency *adjacency = w->adjacency;
-  uint32_t *up = singletons(w->scratch, adjacency->fan_count);
+  uint32_t *up = lod_sets_create(w->scratch, adjacency->fan_count);
   if (up == NULL)
     return false;
   for (uint32_t e = 0; e < adjacency->edge_count; e++) {
@@ -70,14 +49,14 @@ static bool count_bow_ties(const struct work *w) {
     for (uint32_t i = 1; i < count && adjacency->twin[sides[0]] == LOD_NONE; i++) {
       bool same_way = lod_half_edge_start(w->mesh, sides[i]) == start;
       uint32_t next = lod_half_edge_next(sides[i]), first_next = lod_half_edge_next(sides[0]);
-      unite(up, adjacency->fan_of[sides[0]], adjacency->fan_of[same_way ? sides[i] : next]);
-      unite(up, adjacency->fan_of[first_next], adjacency->fan_of[same_way ? next : sides[i]]);
+      lod_sets_join(up, adjacency->fan_of[sides[0]], adjacency->fan_of[same_way ? sides[i] : next]);
+      lod_sets_join(up, adjacency->fan_of[first_next], adjacency->fan_of[same_way ? next : sides[i]]);
     }
   }
   for (uint32_t f = 0; f < adjacency->fan_count;) {
     uint32_t vertex = adjacency->fan_vertex[f], sets = 0;
     for (; f < adjacency->fan_count && adjacency->fan_vertex[f] == vertex; f++)
-      sets += find_root(up, f) == f;
+      sets += lod_sets_find(up, f) == f;
     w->out->non_manifold_vertices += sets > 1;
   }
   return true;
@@ -92,7 +71,7 @@ static bool find_orientability(const struct work *w) {
     return true;
   if (w->mesh->triangle_count > UINT32_MAX / 2)
     return false;
-  uint32_t *up = singletons(w->scratch, 2 * w->mesh->triangle_count);
+  uint32_t *up = lod_sets_create(w->scratch, 2 * w->mesh->triangle_count);
   if (up == NULL)
     return false;
   for (uint32_t e = 0; e < adjacency->edge_count; e++) {
@@ -100,11 +79,11 @@ static bool find_orientability(const struct work *w) {
     if (adjacency->edge_begin[e + 1] - adjacency->edge_begin[e] != 2)
       continue;
     uint32_t a = sides[0] / 3 * 2, b = sides[1] / 3 * 2, turned = adjacency->twin[sides[0]] == LOD_NONE;
-    unite(up, a, b + turned);
-    unite(up, a + 1, b + 1 - turned);
+    lod_sets_join(up, a, b + turned);
+    lod_sets_join(up, a + 1, b + 1 - turned);
   }
   for (uint32_t t = 0; t < w->mesh->triangle_count && w->out->orientable; t++)
-    w->out->orientable = find_root(up, 2 * t) != find_root(up, 2 * t + 1);
+    w->out->orientable = lod_sets_find(up, 2 * t) != lod_sets_find(up, 2 * t + 1);
   return true;
 }
 

@@ -1,3 +1,4 @@
+#include "tests/data/arena.h"
 #include "tests/data/shapes.h"
 
 #include <setjmp.h>
@@ -6,20 +7,6 @@
 
 #include <cmocka.h>
 #include <math.h>
-
-static struct lod_arena *arena;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 /* By the divergence theorem: the volume of a closed, outward oriented mesh; 0 area vectors sum for closedness. */
 static double volume(const struct lod_mesh *mesh) {

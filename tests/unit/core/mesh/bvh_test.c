@@ -9,21 +9,8 @@
 #include <string.h>
 
 #include "core/base/tolerance.h"
+#include "tests/data/arena.h"
 #include "tests/data/shapes.h"
-
-static struct lod_arena *arena;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 /* --- an independent judge: long double, another formula (barycentric projection or the best edge) --- */
 

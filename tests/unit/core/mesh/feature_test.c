@@ -7,22 +7,10 @@
 #include <cmocka.h>
 #include <string.h>
 
+#include "tests/data/arena.h"
 #include "tests/data/shapes.h"
 
-static struct lod_arena *arena;
 static struct lod_adjacency adjacency;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 /* Finds, and checks that lines hold every feature edge once, run along edges and break at corners alone. */
 static struct lod_features find(const struct lod_mesh *mesh, const struct lod_feature_settings *settings) {

@@ -8,21 +8,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "tests/data/arena.h"
 #include "tests/data/shapes.h"
-
-static struct lod_arena *arena;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 static const double kIdentity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 

@@ -7,21 +7,8 @@
 #include <cmocka.h>
 #include <string.h>
 
+#include "tests/data/arena.h"
 #include "tests/data/shapes.h"
-
-static struct lod_arena *arena;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 static struct lod_topology measure(const struct lod_mesh *mesh) {
   struct lod_adjacency adjacency;
