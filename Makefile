@@ -69,7 +69,7 @@ help:
 ## make all       build build/release/lodestreamd and build/release/lodestream
 ## make run       install what is missing, build, bake a sample model, serve it, print the viewer's address
 ## make test      install what is missing, build, run every test
-## make bench     every benchmark; make bench-NAME one of them (cluster, bake, http)
+## make bench     every benchmark; make bench-NAME one of them (cluster, envelope, bake, http)
 ## make wasm      core and codec for the browser, into build/wasm
 ## make lint      include rules, link rules, format
 ## make format    rewrite sources with clang-format
@@ -116,6 +116,10 @@ $(B)/%_test: $(B)/%_test.o $(TEST_LIBS)
 	$(link_test) $(LIBS_test)
 $(B)/%_bench: $(B)/%_bench.o $(TEST_LIBS)
 	$(link_test) $(LIBS_test) $(LIBS_bench)
+# A bench in several files, one of them a peer in C++.
+OBJ_envelope_bench := $(call objects,$(wildcard tests/bench/envelope_*.c) $(wildcard tests/bench/envelope_*.cc))
+$(B)/tests/bench/envelope_bench: $(OBJ_envelope_bench) $(TEST_LIBS)
+	$(Q)$(CXX) $(LDFLAGS) -o $@ $(OBJ_envelope_bench) -Wl,--start-group $(TEST_LIBS) -Wl,--end-group $(LIBS_test) $(LIBS_bench)
 ifeq ($(config),fuzz)
 $(B)/%_fuzz: $(B)/%_fuzz.o $(TEST_LIBS)
 	$(link_test) -fsanitize=fuzzer $(LIBS_test)
