@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "core/base/sets.h"
 #include "core/envelope/cover.h"
 #include "core/envelope/internal.h"
 
@@ -59,25 +60,15 @@ struct parts {
   uint32_t **cover_near;  /* per part: its triangle -> triangle of its cover */
 };
 
-static uint32_t find_root(uint32_t *up, uint32_t x) {
-  while (up[x] != x)
-    x = up[x] = up[up[x]];
-  return x;
-}
-
-/* Roots of vertices that triangles connect. */
+/* Sets of vertices that triangles connect. */
 static uint32_t *connect(const struct lod_mesh *mesh, struct lod_arena *scratch) {
-  uint32_t *up = LOD_NEW(scratch, mesh->vertex_count, uint32_t);
-  for (uint32_t v = 0; up != NULL && v < mesh->vertex_count; v++)
-    up[v] = v;
-  for (uint32_t t = 0; up != NULL && t < mesh->triangle_count; t++)
-    for (int k = 1; k < 3; k++) {
-      uint32_t a = find_root(up, mesh->triangles[t][0]), b = find_root(up, mesh->triangles[t][k]);
-      up[a > b ? a : b] = a > b ? b : a;
-    }
-  for (uint32_t v = 0; up != NULL && v < mesh->vertex_count; v++)
-    up[v] = find_root(up, v);
-  return up;
+  uint32_t *sets = lod_sets_create(scratch, mesh->vertex_count);
+  for (uint32_t t = 0; sets != NULL && t < mesh->triangle_count; t++)
+    for (int k = 1; k < 3; k++)
+      lod_sets_join(sets, mesh->triangles[t][0], mesh->triangles[t][k]);
+  for (uint32_t v = 0; sets != NULL && v < mesh->vertex_count; v++)
+    sets[v] = lod_sets_find(sets, v);
+  return sets;
 }
 
 static enum lod_status find_parts(const struct lod_mesh *source, const struct lod_mesh *level, const uint32_t *nearby,

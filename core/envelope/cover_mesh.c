@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "core/base/predicates.h"
+#include "core/base/sets.h"
 #include "core/envelope/cover_internal.h"
 
 /* ---- signs ---- */
@@ -97,17 +98,11 @@ static enum lod_status allocate(struct lod_cover *c) {
       (c->next = LOD_NEW(arena, vertices, uint32_t)) != NULL && (c->normal = LOD_NEW(arena, vertices, struct lod_vec3)) != NULL &&
       (c->ring = LOD_NEW_ZERO(arena, vertices, struct cover_ring)) != NULL;
   ok = ok && (c->face = lod_arena_alloc(arena, triangles, sizeof *c->face)) != NULL &&
-       (c->opaque = LOD_NEW_ZERO(arena, triangles, uint8_t)) != NULL && (c->patch = LOD_NEW(arena, triangles, uint32_t)) != NULL &&
+       (c->opaque = LOD_NEW_ZERO(arena, triangles, uint8_t)) != NULL && (c->patch = lod_sets_create(arena, triangles)) != NULL &&
        (c->first = LOD_NEW(arena, triangles, uint32_t)) != NULL && (c->box = lod_arena_alloc(arena, triangles, sizeof *c->box)) != NULL &&
        (c->face_mark = LOD_NEW_ZERO(arena, triangles, uint32_t)) != NULL &&
        (c->vertex_mark = LOD_NEW_ZERO(arena, vertices, uint32_t)) != NULL && (c->vertex_slot = LOD_NEW(arena, vertices, uint32_t)) != NULL;
   return ok ? LOD_OK : LOD_MEMORY;
-}
-
-static uint32_t find_root(uint32_t *up, uint32_t x) {
-  while (up[x] != x)
-    x = up[x] = up[up[x]];
-  return x;
 }
 
 /* Lines: boundaries, the caller's features, and the edges that the user preserves, whose ends stay. */
@@ -187,15 +182,11 @@ enum lod_status cover_mesh_create(struct lod_cover *c, const struct lod_adjacenc
     c->normal[v] = c->offset.direction[v];
     c->replaced[v] = c->next[v] = LOD_NONE;
   }
-  for (uint32_t t = 0; t < mesh->triangle_count; t++)
-    c->patch[t] = t;
   for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++)
-    if (!(c->opaque[h / 3] >> h % 3 & 1)) {
-      uint32_t a = find_root(c->patch, h / 3), b = find_root(c->patch, adjacency->twin[h] / 3);
-      c->patch[a > b ? a : b] = a > b ? b : a;
-    }
+    if (!(c->opaque[h / 3] >> h % 3 & 1))
+      lod_sets_join(c->patch, h / 3, adjacency->twin[h] / 3);
   for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-    c->patch[t] = find_root(c->patch, t);
+    c->patch[t] = lod_sets_find(c->patch, t);
     c->first[t] = LOD_NONE;
     memcpy(c->face[t], mesh->triangles[t], sizeof c->face[t]);
     set_box(c, t);
