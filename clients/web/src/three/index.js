@@ -3,3 +3,4 @@ export { LevelObject } from './level.js';
 export { SharedTextures } from './textures.js';
 export { computeCreasedNormals, creaseAngle } from './normals.js';
 export { thickLines, thickMaterial, thickPoints } from './thick.js';
+export { MorphObject, Morpher, morphable } from './morph.js';

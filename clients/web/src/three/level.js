@@ -64,6 +64,7 @@ export class LevelObject {
     this.triangles += (geometry.index ? geometry.index.count : geometry.attributes.position.count) / 3;
     const primitive = primitiveOf(gltf, mesh);
     mesh.material = this.materialFor(mesh.material, primitive?.material === undefined, lacksNormals);
+    mesh.material.userData.lodMaterial = primitive?.material ?? -1; // levels of one model number their materials alike
   }
 
   /** The level's own material for one of GLTFLoader's: faceless ones become clay, flat shading gives way to our normals. */

@@ -8,6 +8,7 @@ import { formatBytes, formatCount, formatPixels, formatUnits } from './format.js
 import { formatFragment, parseFragment } from './location.js';
 import { Messages } from './messages.js';
 import { ModelList } from './models.js';
+import { CorePool } from '../wasm/pool.js';
 import { ModelSession } from './session.js';
 import { View } from './view.js';
 
@@ -23,6 +24,8 @@ class App {
     const here = new URL('.', import.meta.url);
     this.client = new Client(new URL('..', here).href, { token: () => sessionStorage.getItem(TOKEN_KEY) });
     this.assets = { draco: makeDraco(new URL('draco/', here).href), normalsWorker: new URL('normals-worker.js', here) };
+    let core = null;
+    this.assets.core = () => (core ??= new CorePool({ worker: new URL('core-worker.js', here), wasm: new URL('lodestream.wasm', here) }));
     this.state = parseFragment(location.hash);
     this.messages = new Messages($('messages'));
     this.session = null;
@@ -35,6 +38,7 @@ class App {
       onFrame: (facts) => this.onFrame(facts),
       onShown: () => this.report(),
       reducedMotion: () => reduced.matches,
+      morph: (before, next) => ($('morph').checked && !reduced.matches ? (this.session?.morph(before, next) ?? null) : null),
     });
     reduced.addEventListener('change', () => (this.view.controls.enableDamping = !reduced.matches));
     this.list = new ModelList({
@@ -296,6 +300,7 @@ class App {
     set('hud-family', session.stream.pinned ? `${level.family}, held` : level.family, level.family);
     $('unpin').hidden = session.stream.pinned === null;
     const limit = this.state.rule === 'cell' ? null : errorUnits(this.state.px, this.lastView);
+    this.chart.trace(session.trail);
     this.chart.mark(level, session.stream.pinned, limit, `${formatPixels(this.state.px)} px`);
   }
 

@@ -17,11 +17,13 @@ export class Chart {
   /** levels: of one family or several */
   setLevels(levels) {
     this.levels = levels;
+    this.trail = null;
     this.dots.clear();
     this.svg.replaceChildren();
     if (!levels.length) return;
     const x = scale(levels.map((l) => l.bytes), BOX.left + 8, BOX.right - 8);
     const y = scale(levels.map((l) => l.error).filter((e) => e > 0), BOX.bottom - 8, BOX.top + 8);
+    this.x = x;
     this.y = y;
     // An exact level has no place on a logarithmic axis: it lies on the bottom line.
     const place = (l) => [x(l.bytes), l.error > 0 ? y(l.error) : BOX.bottom];
@@ -34,7 +36,22 @@ export class Chart {
       const own = levels.filter((l) => l.family === family).sort((a, b) => a.bytes - b.bytes);
       this.add(this.svg, 'polyline', { class: 'path', points: own.map((l) => place(l).join(',')).join(' ') });
     }
+    this.trail = this.add(this.svg, 'polyline', { class: 'trail' });
     for (const level of levels) this.dot(level, place(level));
+  }
+
+  /** What has been drawn so far: certified error after so many bytes of everything that came, as steps. trail: [{bytes, error}] in order. */
+  trace(trail) {
+    if (!this.trail) return;
+    const corners = [];
+    const clampX = (v) => Math.min(BOX.right, Math.max(BOX.left, v));
+    for (const { bytes, error } of trail) {
+      const at = [clampX(this.x(Math.max(bytes, 1))), error > 0 ? Math.min(BOX.bottom, Math.max(BOX.top, this.y(error))) : BOX.bottom];
+      if (corners.length) corners.push([at[0], corners[corners.length - 1][1]]);
+      corners.push(at);
+    }
+    const text = corners.map((c) => c.map((v) => v.toFixed(1)).join(',')).join(' ');
+    if (this.trail.getAttribute('points') !== text) this.trail.setAttribute('points', text);
   }
 
   labels(x, y) {

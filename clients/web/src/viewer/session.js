@@ -2,11 +2,11 @@
 
 import { familyLevels } from '../protocol/index.js';
 import { LevelStream } from '../stream/index.js';
-import { LevelLoader } from '../three/index.js';
+import { LevelLoader, Morpher } from '../three/index.js';
 
 export class ModelSession {
   /**
-   * @param {{client, id, manifest, assets: {draco, normalsWorker}, onShow: (level, value) => void, onDispose: (value) => void,
+   * @param {{client, id, manifest, assets: {draco, normalsWorker, core: () => CorePool}, onShow: (level, value) => void, onDispose: (value) => void,
    *          onBytes: () => void, onError: (error, level) => void, onTextureError: (error) => void}} options
    */
   constructor(options) {
@@ -21,20 +21,48 @@ export class ModelSession {
       options.onBytes();
     };
     this.loader = new LevelLoader(client, id, { ...options.assets, onBytes: count, onTextureError: options.onTextureError });
+    this.core = options.assets.core;
+    this.morpher = null;
+    /** What was drawn after how many bytes: the certified error against what it cost. */
+    this.trail = [];
     this.stream = new LevelStream({
-      load: (level, signal) => this.loader.load(level, signal),
+      load: (level, signal) => this.load(level, signal),
       dispose: (value) => {
         options.onDispose(value);
+        this.morpher?.forget(value.object);
         value.object.dispose();
       },
       onShow: (level, value) => {
         this.facts = value.facts;
+        this.trail.push({ bytes: this.loadedBytes, error: level.error });
         options.onShow(level, value);
       },
       onError: options.onError,
       now: () => performance.now() / 1000,
       later: (run, seconds) => setTimeout(run, seconds * 1000),
     });
+  }
+
+  async load(level, signal) {
+    const loaded = await this.loader.load(level, signal);
+    loaded.value.object.lod = level;
+    return loaded;
+  }
+
+  /**
+   * What leads from one drawn level to another without a jump; null where there is no such thing: levels of different families, or of one whose
+   * levels do not contain one another.
+   * @returns {Promise<{object: import('../three/morph.js').MorphObject, refines: boolean}|null>|null}
+   */
+  morph(before, next) {
+    const a = before.lod;
+    const b = next.lod;
+    if (!a || !b || a.family !== b.family || a.level === b.level || !this.manifest.families.get(a.family)?.nested) return null;
+    const refines = b.level > a.level;
+    this.morpher ??= new Morpher(this.core());
+    const [coarse, fine] = refines ? [before, next] : [next, before];
+    // Decoded positions are off by less than the certified errors, which count quantisation.
+    return this.morpher.morph(coarse, fine, { reach: a.error + b.error }).then((object) => object && { object, refines });
   }
 
   /** A name that the model does not have falls back to all of them. */

@@ -6,11 +6,13 @@ import {
   DirectionalLight, Group, NeutralToneMapping, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+import { MorphDriver } from '../stream/morph.js';
 import { studioEnvironment } from '../three/studio.js';
 
 const FOV = 45;
 const FADE_SECONDS = 0.28;
 const FLY_SECONDS = 0.5;
+const MORPH_SECONDS = 0.6;
 const PIXEL_RATIO_MAX = 2;
 const KEY_TURN = Math.PI / 24;
 /** Eye directions, model standing upright: a little from the right and from above. */
@@ -20,8 +22,10 @@ export class View {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {{onFrame: (facts: {view, eye: number[], target: number[], seconds: number, frameSeconds: number|null}) => boolean,
-   *          onShown?: () => void, reducedMotion: () => boolean}} options
-   *   onFrame: before each drawing; true: another frame is needed soon. onShown: a fade has ended
+   *          onShown?: () => void, reducedMotion: () => boolean,
+   *          morph?: (before, next) => Promise<{object: import('../three/morph.js').MorphObject, refines: boolean}|null>|null}} options
+   *   onFrame: before each drawing; true: another frame is needed soon. onShown: a fade or a morph has ended. morph: what leads from one level to
+   *   the next without a jump; null, at once or later: the levels cross-fade
    */
   constructor(canvas, options) {
     this.canvas = canvas;
@@ -50,6 +54,9 @@ export class View {
     this.leaving = null;
     this.waiting = null;
     this.fadeStart = null;
+    this.preparing = null;
+    this.morph = null;
+    this.driver = new MorphDriver({ seconds: MORPH_SECONDS });
     this.flight = null;
     this.wireframe = false;
     this.lastFrame = null;
@@ -135,18 +142,39 @@ export class View {
   }
 
   /**
-   * The level to draw from now on (a LevelObject), null for nothing. It fades in over the one before; a level that comes while a fade runs waits
-   * for its end, and only the last of those that wait is shown.
+   * The level to draw from now on (a LevelObject), null for nothing. It grows out of the one before where a morph is known, and fades in over it
+   * elsewhere; a level that comes meanwhile waits for the end, and only the last of those that wait is shown.
    */
   show(object) {
-    if (this.leaving && object) {
+    if (this.fading && object) {
       this.waiting = object;
       return;
     }
     this.waiting = null;
     if (object === this.shown) return;
-    if (this.leaving) this.end(this.leaving);
-    this.leaving = null;
+    if (!object) this.stopChange();
+    const before = this.shown;
+    const preparing = before && object ? this.options.morph?.(before, object) : null;
+    if (!preparing) {
+      this.replace(object);
+      return;
+    }
+    this.preparing = object;
+    preparing
+      .catch(() => null)
+      .then((morph) => {
+        if (this.preparing !== object || this.shown !== before) {
+          morph?.object.dispose();
+          return;
+        }
+        this.preparing = null;
+        if (morph) this.grow(object, morph);
+        else this.replace(object);
+      });
+  }
+
+  /** Cross-fades to the object. */
+  replace(object) {
     const before = this.shown;
     this.shown = object;
     if (object) {
@@ -164,20 +192,70 @@ export class View {
     this.invalidate();
   }
 
+  /** From what is drawn to `object` through a morph's shapes. refines: the object is its finer end. */
+  grow(object, { object: shape, refines }) {
+    this.end(this.shown);
+    this.shown = object;
+    object.setWireframe(this.wireframe);
+    shape.setWireframe(this.wireframe);
+    this.morph = shape;
+    this.driver.begin(refines ? 0 : 1, refines ? 1 : 0);
+    shape.t.value = this.driver.t;
+    this.model.add(shape.root);
+    this.invalidate();
+  }
+
+  morphStep(seconds) {
+    if (!this.morph) return false;
+    this.morph.t.value = this.driver.update(seconds);
+    if (!this.driver.done) return true;
+    this.stopChange();
+    this.options.onShown?.();
+    this.showWaiting();
+    return true;
+  }
+
+  /** What changes is at its end: the level alone is drawn. */
+  stopChange() {
+    this.preparing = null;
+    if (this.morph) {
+      this.morph.dispose();
+      this.morph = null;
+      if (this.shown) this.model.add(this.shown.root);
+    }
+    if (this.leaving) this.end(this.leaving);
+    this.leaving = null;
+  }
+
+  showWaiting() {
+    const waiting = this.waiting;
+    this.waiting = null;
+    if (waiting) this.show(waiting);
+  }
+
   /** The object is about to be freed: it must not be drawn again. */
   forget(object) {
     if (this.waiting === object) this.waiting = null;
+    if (this.preparing === object) this.preparing = null;
     if (this.leaving === object) {
       this.end(object);
       this.leaving = null;
       if (this.shown) this.shown.fade.value = 1;
+    }
+    if (this.shown === object && this.preparing) {
+      const next = this.preparing; // what it was to grow into takes its place at once
+      this.preparing = null;
+      this.end(object);
+      this.shown = null;
+      this.replace(next);
+      this.showWaiting();
     }
     if (this.shown === object) this.show(null);
     this.invalidate();
   }
 
   get fading() {
-    return this.leaving !== null;
+    return this.leaving !== null || this.morph !== null || this.preparing !== null;
   }
 
   end(object) {
@@ -189,6 +267,7 @@ export class View {
     this.wireframe = on;
     this.shown?.setWireframe(on);
     this.leaving?.setWireframe(on);
+    this.morph?.setWireframe(on);
     this.invalidate();
   }
 
@@ -238,9 +317,10 @@ export class View {
     let more = this.fly(seconds);
     more = this.controls.update(frameSeconds ?? undefined) || more || this.controls.autoRotate;
     more = this.fadeStep(seconds) || more;
+    more = this.morphStep(seconds) || more;
     this.clip();
     this.camera.updateMatrixWorld();
-    more = this.options.onFrame(this.facts(seconds, frameSeconds)) || more || this.fading;
+    more = this.options.onFrame(this.facts(seconds, frameSeconds)) || more || this.leaving !== null || this.morph !== null;
     const height = this.renderer.domElement.height;
     for (const object of [this.shown, this.leaving]) if (object) object.viewportHeight.value = height;
     this.renderer.render(this.scene, this.camera);
@@ -286,7 +366,7 @@ export class View {
     this.end(this.leaving);
     this.leaving = null;
     this.options.onShown?.();
-    if (this.waiting) this.show(this.waiting);
+    this.showWaiting();
     return true;
   }
 }

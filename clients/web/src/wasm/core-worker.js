@@ -26,8 +26,8 @@ export class CoreJobs {
     return { result: null, transfer: [] };
   }
 
-  morph(core, { coarse, fine, reach = 0, ...draw }) {
-    const map = core.map(this.levels.get(coarse), this.levels.get(fine), reach);
+  morph(core, { from, to, reach = 0, ...draw }) {
+    const map = core.map(this.levels.get(from), this.levels.get(to), reach);
     try {
       const result = map.draw(draw);
       return { result, transfer: buffersOf(result) };

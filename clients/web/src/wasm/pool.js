@@ -36,9 +36,9 @@ export class CorePool {
     return this.ask('decode', { bytes, base });
   }
 
-  /** The morph from level `coarse` to level `fine`: what LevelMap.draw gives. */
-  morph(coarse, fine, options) {
-    return this.ask('morph', { coarse, fine, ...options });
+  /** The morph from level `from` to the finer level `to`. options: `reach` of Core.map, and those of LevelMap.draw, which makes the result. */
+  morph(from, to, options) {
+    return this.ask('morph', { from, to, ...options });
   }
 
   free(level) {
