@@ -75,6 +75,17 @@ static double gather3(enum lod_doi_gather gather, const double v[3]) {
   return best;
 }
 
+/* Asked for every face, with one or two angles: remembered. */
+static double sine_of(struct lod_refiner *r, double degrees) {
+  for (int i = 0; i < 2; i++)
+    if (r->sine_known[i] && r->sine_degrees[i] == degrees)
+      return r->sines[i];
+  int at = r->sine_known[0] ? 1 : 0;
+  r->sine_known[at] = true;
+  r->sine_degrees[at] = degrees;
+  return r->sines[at] = refine_sin_degrees(degrees);
+}
+
 /* ---- neighbours in the drawn cut ---- */
 
 /* The drawn triangle across edge i, of this level or the coarser one beside it; LOD_NONE: none, or several. */
@@ -96,7 +107,7 @@ static uint32_t neighbour(const struct lod_refiner *r, const struct face *face, 
 
 static double face_angle(const struct lod_doi_term *term, struct look *look) {
   struct lod_vec3 v = view_from(&term->view, look->centre);
-  double value = 1 - fabs(lod_vec3_dot(look->normal, v)), bar = 1 - refine_sin_degrees(term->degrees);
+  double value = 1 - fabs(lod_vec3_dot(look->normal, v)), bar = 1 - sine_of(look->r, term->degrees);
   return bar > 0 ? value / bar : INFINITY;
 }
 
@@ -117,7 +128,7 @@ static double silhouette(const struct lod_doi_term *term, struct look *look) {
 
 /* Corners' normals turned by up to `degrees` to either side of the silhouette. */
 static double cone(const struct lod_doi_term *term, struct look *look) {
-  double margin = refine_sin_degrees(term->degrees);
+  double margin = sine_of(look->r, term->degrees);
   const struct lod_vec3 *n = vertex_normals(look);
   bool front = false, back = false;
   for (int i = 0; i < 3; i++) {
@@ -132,7 +143,7 @@ static double cone(const struct lod_doi_term *term, struct look *look) {
 }
 
 static double dihedral(const struct lod_doi_term *term, struct look *look) {
-  double values[3] = {0, 0, 0}, bar = 2 * refine_sin_degrees(term->degrees / 2);
+  double values[3] = {0, 0, 0}, bar = 2 * sine_of(look->r, term->degrees / 2);
   for (int i = 0; i < 3; i++) {
     uint32_t g = neighbour(look->r, &look->copy, i);
     if (g == LOD_NONE)
@@ -148,7 +159,7 @@ static double dihedral(const struct lod_doi_term *term, struct look *look) {
 }
 
 static double curvature(const struct lod_doi_term *term, struct look *look) {
-  double values[3], bar = 2 * refine_sin_degrees(term->degrees / 2);
+  double values[3], bar = 2 * sine_of(look->r, term->degrees / 2);
   const struct lod_vec3 *n = vertex_normals(look);
   for (int i = 0; i < 3; i++) {
     double chord = lod_vec3_distance(n[i], n[(i + 1) % 3]);
@@ -170,7 +181,8 @@ static double nearest_distance(struct lod_vec3 eye, const struct look *look) {
 
 static double screen(const struct lod_doi_term *term, struct look *look) {
   double off[3], distance = nearest_distance(vec(term->view.eye), look);
-  double scale = term->view.height_px / (2 * refine_tan_degrees(term->view.fov_degrees / 2)) / term->pixels;
+  double scale = term->view.height_px * sine_of(look->r, 90 - term->view.fov_degrees / 2) /
+                 (2 * sine_of(look->r, term->view.fov_degrees / 2)) / term->pixels;
   stand_off(look, off);
   for (int i = 0; i < 3; i++)
     off[i] = distance > 0 ? off[i] * scale / distance : off[i] > 0 ? INFINITY : 0;
@@ -206,8 +218,8 @@ static double gaze(const struct lod_doi_term *term, struct look *look) {
 
 /* ---- graded terms ---- */
 
-static double graded(double interest, const struct face *face, uint32_t steps) {
-  return interest * steps / (face->level + 0.5);
+static double graded(double interest, const struct look *look, uint32_t steps) {
+  return interest * steps / (look->copy.level + look->r->level_bias + 0.5);
 }
 
 static double line_distance2(struct lod_vec3 p, struct lod_vec3 a, struct lod_vec3 b) {
@@ -238,7 +250,7 @@ static double focus(const struct lod_doi_term *term, struct look *look, uint32_t
     double fall = d == 0 ? 1 : term->falloff > 0 ? 1 - d / term->falloff : 0;
     best = fmax(best, object->dominance * fmax(0, fall));
   }
-  return graded(best, &look->copy, steps);
+  return graded(best, look, steps);
 }
 
 /* Barycentric weights of a face's corners in its base triangle, in units of 1 / 2^level. */
@@ -272,7 +284,7 @@ static void face_weights(const struct face *face, uint32_t weights[3][3]) {
 
 static double attribute(const struct lod_doi_term *term, struct look *look, uint32_t steps) {
   if (term->values_by_triangle)
-    return graded((double)term->values[look->copy.base], &look->copy, steps);
+    return graded((double)term->values[look->copy.base], look, steps);
   uint32_t weights[3][3];
   double values[3] = {0, 0, 0};
   const uint32_t *v = look->r->base.mesh.triangles[look->copy.base];
@@ -280,7 +292,7 @@ static double attribute(const struct lod_doi_term *term, struct look *look, uint
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 3; k++)
       values[i] += weights[i][k] * (double)term->values[v[k]] / (double)(1u << look->copy.level);
-  return graded(gather3(term->gather, values), &look->copy, steps);
+  return graded(gather3(term->gather, values), look, steps);
 }
 
 static void fit(struct look *look, struct lod_clough_tocher *patches) {

@@ -40,34 +40,39 @@ static uint32_t wedge_key(const struct lod_refiner *r, uint32_t base, const uint
   return LOD_NONE;
 }
 
+static bool grow_wedges(struct emission *m) {
+  uint32_t room = m->wedge_room * 2;
+  struct wedge *grown = LOD_NEW(m->scratch, room, struct wedge);
+  if (grown == NULL) {
+    m->failed = true;
+    return false;
+  }
+  memcpy(grown, m->wedges, m->wedge_count * sizeof *grown);
+  m->wedges = grown;
+  m->wedge_room = room;
+  return true;
+}
+
 static uint32_t find_wedge(struct emission *m, const struct corner *corner, uint32_t base) {
   struct lod_refiner *r = m->r;
-  struct vertex *vertex = &r->vertices[corner->vertex];
-  uint32_t key = wedge_key(r, base, corner->weight);
-  if (vertex->stamp != r->epoch) {
-    vertex->stamp = r->epoch;
-    vertex->out = m->out->mesh.vertex_count++;
-    vertex->wedge = LOD_NONE;
-    m->origin[vertex->out] = corner->vertex;
-    m->level[vertex->out] = 0;
+  struct ticket *ticket = &r->tickets[corner->vertex];
+  uint32_t key = wedge_key(r, base, corner->weight), vertex;
+  if (ticket->stamp == r->epoch) {
+    for (uint32_t w = ticket->wedge; w != LOD_NONE; w = m->wedges[w].next)
+      if (m->wedges[w].key == key)
+        return w;
+    vertex = m->wedges[ticket->wedge].vertex;
+  } else {
+    vertex = m->out->mesh.vertex_count++;
+    *ticket = (struct ticket){r->epoch, LOD_NONE};
+    m->origin[vertex] = corner->vertex;
+    m->level[vertex] = 0;
   }
-  for (uint32_t w = vertex->wedge; w != LOD_NONE; w = m->wedges[w].next)
-    if (m->wedges[w].key == key)
-      return w;
-  if (m->wedge_count == m->wedge_room) {
-    uint32_t room = m->wedge_room * 2;
-    struct wedge *grown = LOD_NEW(m->scratch, room, struct wedge);
-    if (grown == NULL) {
-      m->failed = true;
-      return 0;
-    }
-    memcpy(grown, m->wedges, m->wedge_count * sizeof *grown);
-    m->wedges = grown;
-    m->wedge_room = room;
-  }
+  if (m->wedge_count == m->wedge_room && !grow_wedges(m))
+    return 0;
   uint32_t w = m->wedge_count++;
-  m->wedges[w] = (struct wedge){key, vertex->wedge, vertex->out, base, {corner->weight[0], corner->weight[1], corner->weight[2]}};
-  vertex->wedge = w;
+  m->wedges[w] = (struct wedge){key, ticket->wedge, vertex, base, {corner->weight[0], corner->weight[1], corner->weight[2]}};
+  ticket->wedge = w;
   return w;
 }
 
@@ -75,6 +80,8 @@ static void put(struct emission *m, const struct face *face, const struct corner
                 bool green) {
   struct lod_mesh *mesh = &m->out->mesh;
   const struct corner *corners[3] = {a, b, c};
+  if (m->failed)
+    return;
   uint32_t t = mesh->triangle_count++;
   for (int k = 0; k < 3; k++) {
     uint32_t w = find_wedge(m, corners[k], face->base);
@@ -102,17 +109,18 @@ static struct corner middle_of(const struct lod_refiner *r, const struct face *f
 /* A leaf beside finer ones (paper, Fig. 1 a and b). The square that two middles leave is cut along its shorter diagonal. */
 static void put_leaf(struct emission *m, const struct face *face, const struct corner corners[3]) {
   struct lod_refiner *r = m->r;
-  bool active[3];
   int count = 0, first = 0, idle = 0;
-  for (int i = 0; i < 3; i++) {
-    active[i] = refine_edge_active(r, face->e[i]);
-    count += active[i];
-    first = active[i] ? i : first;
-    idle = active[i] ? idle : i;
-  }
-  if (count == 0) {
+  if (face->active == 0) {
     put(m, face, &corners[0], &corners[1], &corners[2], false);
-  } else if (count == 1) {
+    return;
+  }
+  for (int i = 0; i < 3; i++) {
+    bool active = face->active >> i & 1;
+    count += active;
+    first = active ? i : first;
+    idle = active ? idle : i;
+  }
+  if (count == 1) {
     struct corner middle = middle_of(r, face, first, corners);
     const struct corner *across = &corners[(first + 2) % 3];
     put(m, face, &corners[first], &middle, across, true);
@@ -218,21 +226,21 @@ static void fill_vertices(struct emission *m, uint32_t count) {
       lod_vec3_to_float(refine_position(r, from, m->level[v]), p);
     const struct vertex *vertex = &r->vertices[from];
     for (int k = 0; k < 2; k++)
-      m->out->parents[v][k] = vertex->level == 0 ? v : r->vertices[r->edges[vertex->origin].v[k]].out;
+      m->out->parents[v][k] = vertex->level == 0 ? v : m->wedges[r->tickets[r->edges[vertex->origin].v[k]].wedge].vertex;
   }
 }
 
 /* Free edges and points of the base follow, on vertices that triangles use too or on their own. */
 static uint32_t free_vertex(struct emission *m, uint32_t base_vertex) {
-  struct vertex *vertex = &m->r->vertices[base_vertex];
-  if (vertex->stamp != m->r->epoch) {
-    vertex->stamp = m->r->epoch;
-    vertex->out = m->out->mesh.vertex_count++;
-    vertex->wedge = LOD_NONE;
-    memcpy(m->out->mesh.positions[vertex->out], m->r->base.mesh.positions[base_vertex], sizeof(float[3]));
-    m->out->parents[vertex->out][0] = m->out->parents[vertex->out][1] = vertex->out;
+  struct ticket *ticket = &m->r->tickets[base_vertex];
+  if (ticket->stamp == m->r->epoch)
+    return m->wedges[ticket->wedge].vertex;
+  if (ticket->stamp != m->r->epoch - 1) { /* an emission takes two numbers: this one marks what has no wedge */
+    *ticket = (struct ticket){m->r->epoch - 1, m->out->mesh.vertex_count++};
+    memcpy(m->out->mesh.positions[ticket->wedge], m->r->base.mesh.positions[base_vertex], sizeof(float[3]));
+    m->out->parents[ticket->wedge][0] = m->out->parents[ticket->wedge][1] = ticket->wedge;
   }
-  return vertex->out;
+  return ticket->wedge;
 }
 
 static bool copy_free(struct emission *m) {
@@ -285,7 +293,7 @@ static bool emit(struct emission *m) {
   struct lod_refiner *r = m->r;
   if (!make_room(m))
     return false;
-  r->epoch++;
+  r->epoch += 2;
   for (uint32_t f = 0; f < r->base_faces && !m->failed; f++) {
     const uint32_t *v = r->faces[f].v;
     const struct corner corners[3] = {{v[0], {FULL, 0, 0}}, {v[1], {0, FULL, 0}}, {v[2], {0, 0, FULL}}};

@@ -32,8 +32,14 @@ bool refine_room(struct lod_refiner *r, void **array, uint32_t *room, uint32_t c
 
 #define ROOM(r, list, more)                                                                                                                \
   (!(r)->failed && refine_room((r), (void **)&(r)->list##s, &(r)->list##_room, (r)->list##_count, (more), sizeof *(r)->list##s))
-#define ROOM_VERTICES(r, more)                                                                                                             \
-  (!(r)->failed && refine_room((r), (void **)&(r)->vertices, &(r)->vertex_room, (r)->vertex_count, (more), sizeof *(r)->vertices))
+
+/* Three arrays of one length. */
+static bool room_vertices(struct lod_refiner *r, uint32_t more) {
+  uint32_t room = r->vertex_room, shown = room, tickets = room;
+  return !r->failed && refine_room(r, (void **)&r->shown, &shown, r->vertex_count, more, sizeof *r->shown) &&
+         refine_room(r, (void **)&r->tickets, &tickets, r->vertex_count, more, sizeof *r->tickets) &&
+         refine_room(r, (void **)&r->vertices, &r->vertex_room, r->vertex_count, more, sizeof *r->vertices);
+}
 
 /* ---- growing ---- */
 
@@ -90,10 +96,11 @@ bool refine_split_edge(struct lod_refiner *r, uint32_t e) {
   uint32_t ring = 1;
   for (uint32_t s = r->edges[e].sibling; s != e; s = r->edges[s].sibling)
     ring++;
-  if (!ROOM_VERTICES(r, 1) || !ROOM(r, edge, 2 * ring))
+  if (!room_vertices(r, 1) || !ROOM(r, edge, 2 * ring))
     return false;
   uint32_t middle = r->vertex_count++;
   const struct edge *edge = &r->edges[e];
+  r->tickets[middle] = (struct ticket){0};
   r->vertices[middle] = (struct vertex){.origin = e,
                                         .later = LOD_NONE,
                                         .level = edge->level + 1,
@@ -165,21 +172,25 @@ uint32_t refine_side(struct lod_refiner *r, uint32_t e, int s) {
 
 /* ---- the cut ---- */
 
-/* Leaves beside the edge, of any of its siblings, other than `but`. */
-static uint32_t leaves_beside(const struct lod_refiner *r, uint32_t e, uint32_t but) {
+/* The leaves beside edge e, of any of its siblings, other than `but`: their middle there comes (on) or goes. Returns how many. */
+static uint32_t tell_leaves(struct lod_refiner *r, uint32_t e, uint32_t but, bool on) {
   uint32_t count = 0, s = e;
   do {
     for (int k = 0; k < 2; k++) {
       uint32_t f = r->edges[s].f[k];
-      count += f != LOD_NONE && f != but && r->faces[f].drawn && !r->faces[f].split;
+      if (f == LOD_NONE || f == but || !r->faces[f].drawn || r->faces[f].split)
+        continue;
+      uint8_t bit = (uint8_t)(1u << refine_local(&r->faces[f], s));
+      r->faces[f].active = on ? r->faces[f].active | bit : r->faces[f].active & (uint8_t)~bit;
+      count++;
     }
     s = r->edges[s].sibling;
   } while (s != e);
   return count;
 }
 
-static uint32_t active_edges(const struct lod_refiner *r, const struct face *f) {
-  return (uint32_t)refine_edge_active(r, f->e[0]) + refine_edge_active(r, f->e[1]) + refine_edge_active(r, f->e[2]);
+static uint32_t active_edges(const struct face *f) {
+  return (f->active & 1u) + (f->active >> 1 & 1u) + (f->active >> 2 & 1u);
 }
 
 static bool journal(struct lod_refiner *r, uint32_t f) {
@@ -192,34 +203,39 @@ static bool journal(struct lod_refiner *r, uint32_t f) {
 /* The cut goes through the children of leaf f from now on. */
 static void open_face(struct lod_refiner *r, uint32_t f) {
   struct face *face = &r->faces[f];
-  r->drawn_triangles += 3 - active_edges(r, face);
+  r->drawn_triangles += 3 - active_edges(face);
   for (int i = 0; i < 3; i++) {
     uint32_t e = face->e[i];
-    if (!refine_edge_active(r, e)) {
-      r->drawn_triangles += leaves_beside(r, e, f);
+    if (!(face->active >> i & 1)) {
+      r->drawn_triangles += tell_leaves(r, e, f, true);
       r->drawn_vertices++;
     }
     r->edges[e].active++;
   }
   face->split = true;
-  for (uint32_t k = 0; k < 4; k++)
+  for (uint32_t k = 0; k < 4; k++) {
     r->faces[face->child + k].drawn = true;
+    r->faces[face->child + k].active = 0; /* whatever is finer than they needs f to be split */
+  }
 }
 
 static void close_face(struct lod_refiner *r, uint32_t f) {
   struct face *face = &r->faces[f];
   face->split = false;
+  face->active = 0;
   for (uint32_t k = 0; k < 4; k++)
     r->faces[face->child + k].drawn = false;
   for (int i = 0; i < 3; i++) {
     uint32_t e = face->e[i];
     r->edges[e].active--;
-    if (!refine_edge_active(r, e)) {
-      r->drawn_triangles -= leaves_beside(r, e, f);
+    if (refine_edge_active(r, e)) {
+      face->active |= (uint8_t)(1u << i);
+    } else {
+      r->drawn_triangles -= tell_leaves(r, e, f, false);
       r->drawn_vertices--;
     }
   }
-  r->drawn_triangles -= 3 - active_edges(r, face);
+  r->drawn_triangles -= 3 - active_edges(face);
 }
 
 static bool split_face(struct lod_refiner *r, uint32_t f);
@@ -244,7 +260,7 @@ static bool settle_beside(struct lod_refiner *r, uint32_t e, uint32_t but) {
   do {
     for (int k = 0; k < 2; k++) {
       uint32_t g = r->edges[s].f[k];
-      if (g != LOD_NONE && g != but && r->faces[g].drawn && !r->faces[g].split && active_edges(r, &r->faces[g]) == 3 && !split_face(r, g))
+      if (g != LOD_NONE && g != but && r->faces[g].drawn && !r->faces[g].split && r->faces[g].active == 7 && !split_face(r, g))
         return false;
     }
     s = r->edges[s].sibling;
@@ -310,17 +326,30 @@ bool lod_refiner_merge(struct lod_refiner *r, uint32_t f) {
   return true;
 }
 
-void lod_refiner_reset(struct lod_refiner *r) {
-  for (uint32_t f = 0; f < r->face_count; f++) {
-    r->faces[f].split = false;
-    r->faces[f].drawn = f < r->base_faces;
+/* Of what is drawn alone: the forest may be much larger. */
+static void fold(struct lod_refiner *r, uint32_t f) {
+  struct face *face = &r->faces[f];
+  if (!face->split)
+    return;
+  face->split = false;
+  face->active = 0;
+  for (int i = 0; i < 3; i++)
+    r->edges[face->e[i]].active = 0;
+  for (uint32_t k = 0; k < 4; k++) {
+    fold(r, face->child + k);
+    r->faces[face->child + k].drawn = false;
   }
-  for (uint32_t e = 0; e < r->edge_count; e++)
-    r->edges[e].active = 0;
+}
+
+void lod_refiner_reset(struct lod_refiner *r) {
+  for (uint32_t f = 0; f < r->base_faces; f++) {
+    fold(r, f);
+    r->faces[f].active = 0;
+  }
   r->drawn_triangles = r->base_faces;
   r->drawn_vertices = 0;
   for (uint32_t v = 0; v < r->base.mesh.vertex_count; v++)
-    r->drawn_vertices += r->vertices[v].users != 0;
+    r->drawn_vertices += (r->vertices[v].has & HAS_USER) != 0;
 }
 
 /* ---- birth and facts ---- */
@@ -329,10 +358,11 @@ static bool plant(struct lod_refiner *r) {
   const struct refine_base *b = &r->base;
   uint32_t v_count = b->mesh.vertex_count, e_count = b->edge_count, t_count = b->mesh.triangle_count;
   r->face_of = LOD_NEW(r->arena, t_count, uint32_t);
-  if (r->face_of == NULL || !ROOM_VERTICES(r, v_count + v_count / 2 + 64) || !ROOM(r, edge, 2 * e_count + 64) ||
+  if (r->face_of == NULL || !room_vertices(r, v_count + v_count / 2 + 64) || !ROOM(r, edge, 2 * e_count + 64) ||
       !ROOM(r, face, 2 * t_count + 64))
     return false;
   for (uint32_t v = 0; v < v_count; v++) {
+    r->tickets[v] = (struct ticket){0};
     r->vertices[v] = (struct vertex){
         .p = {b->points[v][0], b->points[v][1], b->points[v][2]}, .origin = v, .later = LOD_NONE, .rule = b->rule[v], .has = HAS_POSITION};
   }
@@ -357,7 +387,7 @@ static bool plant(struct lod_refiner *r) {
       r->faces[f].v[i] = b->mesh.triangles[t][i];
       r->faces[f].e[i] = e;
       r->edges[e].f[b->edge_half[e] == h ? 0 : 1] = f;
-      r->vertices[r->faces[f].v[i]].users = 1;
+      r->vertices[r->faces[f].v[i]].has |= HAS_USER;
     }
   }
   r->base_faces = r->face_count;
@@ -425,7 +455,10 @@ uint32_t lod_refiner_face_children(const struct lod_refiner *r, uint32_t face) {
 
 static bool check_leaf(const struct lod_refiner *r, uint32_t f, uint32_t *triangles) {
   const struct face *face = &r->faces[f];
-  uint32_t active = active_edges(r, face);
+  uint32_t active = active_edges(face);
+  for (int i = 0; i < 3; i++)
+    if (refine_edge_active(r, face->e[i]) != (face->active >> i & 1))
+      return false;
   if (active == 3)
     return false;
   for (int i = 0; i < 3; i++) {
@@ -472,6 +505,6 @@ bool lod_refiner_check(struct lod_refiner *r) {
     middles += first && refine_edge_active(r, e);
   }
   for (uint32_t v = 0; v < r->base.mesh.vertex_count; v++)
-    users += r->vertices[v].users != 0;
+    users += (r->vertices[v].has & HAS_USER) != 0;
   return triangles == r->drawn_triangles && middles + users == r->drawn_vertices;
 }

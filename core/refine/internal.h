@@ -45,20 +45,25 @@ static inline uint32_t refine_third(const struct refine_base *base, uint32_t h) 
   return base->mesh.triangles[h / 3][(h % 3 + 2) % 3];
 }
 
-enum vertex_has { HAS_POSITION = 1, HAS_LIMIT = 2, HAS_NORMAL = 4 };
+enum vertex_has { HAS_POSITION = 1, HAS_LIMIT = 2, HAS_NORMAL = 4, HAS_USER = 8 };
 
 struct vertex {
   double p[3];     /* at the level it is born at */
-  float limit[3];  /* HAS_LIMIT */
-  float normal[3]; /* HAS_NORMAL; of REFINE_SMOOTH alone */
   uint32_t origin; /* the base vertex, or the edge that it is the middle of */
   uint32_t later;  /* first of its positions at later levels, LOD_NONE = none yet */
-  uint32_t users;  /* drawn-split faces that have it as a middle; base vertices: 1 */
-  uint32_t stamp;  /* emission that `out` and `wedge` belong to */
-  uint32_t out;
-  uint32_t wedge; /* first wedge of this emission */
   uint8_t level, rule, has;
   bool masked; /* middle by the smooth mask */
+};
+
+/* What interests and output read most, apart so that it stays in the cache. */
+struct shown {
+  float limit[3];  /* HAS_LIMIT */
+  float normal[3]; /* HAS_NORMAL; of REFINE_SMOOTH alone */
+};
+
+struct ticket {
+  uint32_t stamp; /* emission that `wedge` belongs to */
+  uint32_t wedge; /* first wedge of this emission, or for a vertex of free edges alone its number */
 };
 
 struct edge {
@@ -80,9 +85,9 @@ struct face {
   uint32_t base;
   uint32_t path; /* 2 bits a level, the base's child in the lowest two */
   uint8_t level;
-  bool split; /* drawn as its children */
-  bool drawn; /* in the cut or above it */
-  uint8_t mark;
+  bool split;     /* drawn as its children */
+  bool drawn;     /* in the cut or above it */
+  uint8_t active; /* of a leaf: bit i = edge i has a drawn middle */
 };
 
 struct later {
@@ -95,6 +100,8 @@ struct lod_refiner {
   struct refine_base base;
   struct lod_refine_settings settings;
   struct vertex *vertices;
+  struct shown *shown;    /* by vertex */
+  struct ticket *tickets; /* by vertex */
   struct edge *edges;
   struct face *faces;
   struct later *laters;
@@ -105,6 +112,9 @@ struct lod_refiner {
   uint32_t drawn_triangles, drawn_vertices, epoch;
   uint32_t *journal; /* faces split by the latest lod_refiner_split, in order */
   uint32_t journal_count, journal_room;
+  bool sine_known[2]; /* of the angles asked for last */
+  double sine_degrees[2], sines[2];
+  uint32_t level_bias; /* added to levels where interest is graded: the base is a level of something coarser */
   bool failed;
 };
 
@@ -144,7 +154,7 @@ static inline int refine_local(const struct face *f, uint32_t edge) {
 void refine_undo(struct lod_refiner *r);
 /* Total order of faces that does not depend on history. */
 static inline uint64_t refine_key(const struct face *f) {
-  return (uint64_t)f->base << 28 | (uint64_t)f->path << 4 | f->level;
+  return (uint64_t)f->level << 56 | (uint64_t)f->base << 24 | f->path; /* coarse before fine */
 }
 
 struct lod_contact;

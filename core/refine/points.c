@@ -164,7 +164,7 @@ static uint32_t full_ring(struct lod_refiner *r, uint32_t v, struct lod_vec3 *ri
 }
 
 static void set_limit(struct lod_refiner *r, uint32_t v, struct lod_vec3 p) {
-  lod_vec3_to_float(p, r->vertices[v].limit);
+  lod_vec3_to_float(p, r->shown[v].limit);
   r->vertices[v].has |= HAS_LIMIT;
 }
 
@@ -189,7 +189,7 @@ static void smooth_limit(struct lod_refiner *r, uint32_t v) {
     normal = refine_ring_normal(ring, count);
   }
   set_limit(r, v, p);
-  refine_store_normal(normal, r->vertices[v].normal);
+  refine_store_normal(normal, r->shown[v].normal);
   r->vertices[v].has |= HAS_NORMAL;
   lod_arena_destroy(scratch);
 }
@@ -197,7 +197,7 @@ static void smooth_limit(struct lod_refiner *r, uint32_t v) {
 const float *refine_limit(struct lod_refiner *r, uint32_t v) {
   static const float kZero[3];
   if (r->vertices[v].has & HAS_LIMIT)
-    return r->vertices[v].limit;
+    return r->shown[v].limit;
   if (r->failed)
     return kZero;
   uint32_t spokes[2], k = r->vertices[v].level;
@@ -209,10 +209,10 @@ const float *refine_limit(struct lod_refiner *r, uint32_t v) {
     struct lod_vec3 a = refine_position(r, spoke_end(r, spokes[0], v, k), k), b = refine_position(r, spoke_end(r, spokes[1], v, k), k);
     set_limit(r, v, refine_limit_crease(p, a, b));
   } else if (k == 0) { /* stays: the base's own float */
-    memcpy(r->vertices[v].limit, r->base.mesh.positions[r->vertices[v].origin], sizeof r->vertices[v].limit);
+    memcpy(r->shown[v].limit, r->base.mesh.positions[r->vertices[v].origin], sizeof r->shown[v].limit);
     r->vertices[v].has |= HAS_LIMIT;
   }
-  return r->failed ? kZero : r->vertices[v].limit;
+  return r->failed ? kZero : r->shown[v].limit;
 }
 
 /* ---- normals beside sharp edges ---- */
@@ -324,7 +324,7 @@ void refine_normal(struct lod_refiner *r, uint32_t v, uint32_t base_triangle, fl
     return;
   if (r->vertices[v].rule == REFINE_SMOOTH) {
     refine_limit(r, v);
-    memcpy(normal, r->vertices[v].normal, 3 * sizeof *normal);
+    memcpy(normal, r->shown[v].normal, 3 * sizeof *normal);
   } else if (r->vertices[v].level == 0) {
     refine_store_normal(base_sector_normal(r, r->vertices[v].origin, base_triangle), normal);
   } else {

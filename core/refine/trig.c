@@ -34,14 +34,6 @@ double refine_sin_degrees(double degrees) {
   return sign * (a <= 45 ? sine(a * kRadians) : cosine((90 - a) * kRadians));
 }
 
-double refine_cos_degrees(double degrees) {
-  return refine_sin_degrees(fabs(degrees) + 90);
-}
-
-double refine_tan_degrees(double degrees) {
-  return refine_sin_degrees(degrees) / refine_cos_degrees(degrees);
-}
-
 /* x in [0, 1]: halved three times, then the series. */
 static double arc_tangent(double x) {
   for (int i = 0; i < 3; i++)

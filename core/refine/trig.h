@@ -3,8 +3,6 @@
 #define LOD_CORE_REFINE_TRIG_H
 
 double refine_sin_degrees(double degrees); /* |degrees| <= 360 */
-double refine_cos_degrees(double degrees);
-double refine_tan_degrees(double degrees);
 /* Angle between two directions of any length, degrees in [0, 180]; 0 when one of them is 0. dot and the lengths' squares. */
 double refine_angle_degrees(double dot, double length2_a, double length2_b);
 
