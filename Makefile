@@ -43,7 +43,7 @@ LIBS_bench := -lmeshoptimizer
 SRC_base := $(wildcard core/base/*.c) core/level/screen.c
 SRC_core := $(filter-out $(SRC_base),$(wildcard core/*/*.c))
 SRC_codec := $(wildcard codec/*/*.c) $(wildcard codec/*/*.cc)
-SRC_worker := $(wildcard server/worker/*.c) server/jobs/frame.c
+SRC_worker := $(wildcard server/worker/*.c) server/jobs/frame.c server/jobs/refine_query.c
 SRC_server := $(wildcard server/*.c server/http/*.c server/store/*.c server/jobs/*.c)
 SRC_cli := $(wildcard clients/cli/*.c)
 

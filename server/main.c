@@ -11,6 +11,7 @@
 #include "server/config.h"
 #include "server/http/deadline.h"
 #include "server/http/http.h"
+#include "server/jobs/pool.h"
 #include "server/log.h"
 #include "server/models_dir.h"
 
@@ -22,6 +23,7 @@ struct daemon {
   struct lod_metrics *metrics;
   struct lod_store *store;
   struct lod_jobs *jobs;
+  struct lod_pool *pool;
   struct lod_service service;
   struct lod_models_dir *models;
   pthread_mutex_t http_lock; /* job_changed, on a thread of jobs, must find no server that is being freed */
@@ -76,6 +78,18 @@ static enum lod_status start_jobs(struct daemon *daemon, struct lod_problem *pro
   return lod_jobs_create(&settings, &daemon->jobs, problem);
 }
 
+static enum lod_status start_pool(struct daemon *daemon, struct lod_problem *problem) {
+  const struct lod_config *config = &daemon->config;
+  struct lod_pool_settings settings = lod_pool_defaults();
+  settings.worker_path = config->worker;
+  settings.workers = (uint32_t)config->refine_workers;
+  settings.queue_limit = (uint32_t)config->refine_queue;
+  settings.deadline_seconds = (double)config->refine_seconds;
+  settings.memory_limit_bytes = config->refine_memory;
+  settings.log = log_line;
+  return lod_pool_create(&settings, &daemon->pool, problem);
+}
+
 static enum lod_status start(struct daemon *daemon, struct lod_problem *problem) {
   const struct lod_config *config = &daemon->config;
   uint32_t route_count;
@@ -91,6 +105,9 @@ static enum lod_status start(struct daemon *daemon, struct lod_problem *problem)
   lod_store_set_quota(daemon->store, config->store_bytes);
   LOD_TRY(start_jobs(daemon, problem));
   LOD_TRY(lod_service_init(&daemon->service, daemon->store, daemon->jobs, daemon->metrics, config, problem));
+  if (config->refine_workers != 0)
+    LOD_TRY(start_pool(daemon, problem));
+  daemon->service.pool = daemon->pool;
   struct lod_http *http;
   LOD_TRY(lod_http_create(&daemon->service, -1, &http, problem));
   pthread_mutex_lock(&daemon->http_lock);
@@ -108,6 +125,7 @@ static void stop(struct daemon *daemon) {
   daemon->http = NULL;
   pthread_mutex_unlock(&daemon->http_lock);
   lod_http_destroy(http, (double)daemon->config.drain_seconds);
+  lod_pool_destroy(daemon->pool);
   lod_jobs_destroy(daemon->jobs);
   lod_service_finish(&daemon->service);
   lod_store_close(daemon->store);

@@ -6,7 +6,7 @@
 #include "clients/cli/cli.h"
 
 static const struct cli_command *const kCommands[] = {&cli_bake,   &cli_inspect, &cli_measure, &cli_export,
-                                                      &cli_decode, &cli_get,     &cli_worker};
+                                                      &cli_decode, &cli_get,     &cli_refine,  &cli_worker};
 enum { COMMAND_COUNT = sizeof kCommands / sizeof kCommands[0] };
 
 static void print_overview(FILE *out) {

@@ -265,7 +265,7 @@ static const char *look_up_header(void *context, const char *name) {
 }
 
 static enum lod_method parse_method(const char *text) {
-  static const char *const kNames[] = {"GET", "HEAD", "PUT", "DELETE", "OPTIONS"};
+  static const char *const kNames[] = {"GET", "HEAD", "PUT", "DELETE", "POST", "OPTIONS"};
   for (int i = 0; i < LOD_METHOD_OTHER; i++)
     if (strcmp(text, kNames[i]) == 0)
       return (enum lod_method)i;
@@ -347,16 +347,30 @@ static enum MHD_Result take_body(struct connection *connection, const char *byte
   return connection->ignored > IGNORED_BODY_MAX ? MHD_NO : MHD_YES;
 }
 
-static void run_work(struct lod_background_work *work) {
-  struct connection *connection = (struct connection *)((char *)work - offsetof(struct connection, work));
+/* Any thread: the reply of a suspended connection is there. */
+static void hand_back(struct connection *connection) {
   struct loop *loop = connection->loop;
-  connection->exchange.work(&connection->exchange);
-  lod_exchange_compress(&connection->exchange, true);
   pthread_mutex_lock(&loop->lock);
   connection->next_done = loop->done;
   loop->done = connection;
   pthread_mutex_unlock(&loop->lock);
   lod_loop_wake(loop);
+}
+
+static void finish_later(struct lod_exchange *exchange) {
+  hand_back((struct connection *)((char *)exchange - offsetof(struct connection, exchange)));
+}
+
+static void run_work(struct lod_background_work *work) {
+  struct connection *connection = (struct connection *)((char *)work - offsetof(struct connection, work));
+  if (connection->exchange.start) {
+    if (connection->exchange.start(&connection->exchange))
+      return; /* the connection may be at its next request by now */
+  } else {
+    connection->exchange.work(&connection->exchange);
+    lod_exchange_compress(&connection->exchange, true);
+  }
+  hand_back(connection);
 }
 
 static enum MHD_Result answer(struct connection *connection) {
@@ -371,7 +385,10 @@ static enum MHD_Result answer(struct connection *connection) {
   }
   if (!exchange->work && !connection->work_done)
     lod_exchange_compress(exchange, false);
-  if (exchange->work) {
+  if (exchange->work || exchange->start) {
+    exchange->finished = finish_later;
+    if (exchange->cancel && !connection->streaming)
+      lod_loop_add_stream(connection); /* so that its peer is watched */
     connection->work.run = run_work;
     connection->working = true;
     MHD_suspend_connection(connection->mhd);
@@ -380,6 +397,7 @@ static enum MHD_Result answer(struct connection *connection) {
     connection->working = false;
     MHD_resume_connection(connection->mhd);
     exchange->work = NULL;
+    exchange->start = NULL;
     lod_reply_problem(&exchange->reply, 503, "overloaded", "Too many requests wait for the disk; try again later.", "");
     lod_reply_header(&exchange->reply, "Retry-After", "1");
   }

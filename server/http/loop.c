@@ -228,15 +228,17 @@ static void resume_done(struct loop *loop) {
     done->working = false;
     done->work_done = true;
     done->exchange.work = NULL;
+    done->exchange.start = NULL;
     MHD_resume_connection(done->mhd);
     done = next;
   }
 }
 
-/* A suspended connection hears nothing from MHD when its peer goes, so a waiting stream's socket is watched here. */
+/* A suspended connection hears nothing from MHD when its peer goes, so the socket of a waiting stream, or of a request whose work can be
+ * cancelled, is watched here. */
 static void watch_streams(struct loop *loop) {
   for (struct connection *connection = loop->streams; connection; connection = connection->next_stream)
-    if (connection->waiting && !connection->watched) {
+    if ((connection->waiting || (connection->working && connection->exchange.cancel)) && !connection->watched) {
       struct epoll_event event = {.events = EPOLLRDHUP | EPOLLET, .data.ptr = connection};
       connection->watched = epoll_ctl(loop->epoll_fd, EPOLL_CTL_ADD, connection->fd, &event) == 0;
     }
@@ -380,6 +382,8 @@ static void take_events(struct loop *loop, int timeout_ms) {
       connection->gone = true;
       if (connection->waiting)
         resume_stream(connection);
+      else if (connection->working && connection->exchange.cancel)
+        connection->exchange.cancel(&connection->exchange);
     } else if (kind == WATCH_LINGER) {
       lod_linger_read(loop->linger);
     }

@@ -25,6 +25,9 @@ static const struct lod_route kRoutes[] = {
     {LOD_PUT, "/v1/models/{id}", kUpload, true, lod_begin_upload, lod_body_upload, lod_answer_upload},
     {LOD_DELETE, "/v1/models/{id}", kNone, true, NULL, NULL, lod_answer_model_delete},
     {LOD_GET, "/v1/models/{id}/level", NULL, false, NULL, NULL, lod_answer_level},
+    {LOD_GET, "/v1/models/{id}/refine", NULL, false, NULL, NULL, lod_answer_refine},
+    {LOD_POST, "/v1/models/{id}/refine", NULL, false, lod_begin_refine, lod_body_refine, lod_answer_refine_values},
+    {LOD_GET, "/v1/models/{id}/contact", NULL, false, NULL, NULL, lod_answer_contact},
     {LOD_GET, "/v1/models/{id}/delta", kDelta, false, NULL, NULL, lod_answer_delta},
     {LOD_GET, "/v1/models/{id}/tileset.json", kNone, false, NULL, NULL, lod_answer_document},
     {LOD_GET, "/v1/models/{id}/model.glb", kNone, false, NULL, NULL, lod_answer_document},
@@ -38,7 +41,7 @@ static const struct lod_route kRoutes[] = {
 };
 enum { ROUTE_COUNT = sizeof kRoutes / sizeof *kRoutes };
 
-static const char *const kMethods[] = {"GET", "HEAD", "PUT", "DELETE", "OPTIONS"};
+static const char *const kMethods[] = {"GET", "HEAD", "PUT", "DELETE", "POST", "OPTIONS"};
 
 const struct lod_route *lod_routes(uint32_t *count) {
   *count = ROUTE_COUNT;
@@ -102,7 +105,7 @@ static void answer_options(struct lod_exchange *exchange, uint32_t methods) {
   struct lod_reply *reply = &exchange->reply;
   reply->status = 204;
   allow_methods(exchange, methods);
-  lod_reply_header(reply, "Access-Control-Allow-Methods", "GET, HEAD, PUT, DELETE, OPTIONS");
+  lod_reply_header(reply, "Access-Control-Allow-Methods", "GET, HEAD, PUT, DELETE, POST, OPTIONS");
   lod_reply_header(
       reply, "Access-Control-Allow-Headers",
       "Authorization, Content-Type, Content-Disposition, Range, If-Range, If-Match, If-None-Match, Last-Event-ID, X-Request-Id");
@@ -138,7 +141,7 @@ void lod_routes_begin(struct lod_exchange *exchange) {
   const struct lod_target *target = &exchange->target;
   uint32_t methods = 0;
   if (exchange->method == LOD_OPTIONS && target->segment_count == 1 && strcmp(target->segments[0], "*") == 0) {
-    answer_options(exchange, 1u << LOD_GET | 1u << LOD_HEAD | 1u << LOD_PUT | 1u << LOD_DELETE | 1u << LOD_OPTIONS);
+    answer_options(exchange, 1u << LOD_GET | 1u << LOD_HEAD | 1u << LOD_PUT | 1u << LOD_DELETE | 1u << LOD_POST | 1u << LOD_OPTIONS);
     return;
   }
   enum lod_method wanted = exchange->method == LOD_HEAD ? LOD_GET : exchange->method;
@@ -222,7 +225,7 @@ void lod_routes_headers(const struct lod_exchange *exchange, void (*emit)(void *
     emit(context, "Access-Control-Allow-Origin", origin);
     emit(context, "Access-Control-Expose-Headers",
          "ETag, Content-Range, Content-Location, Location, Retry-After, Lod-Family, Lod-From, Lod-Level, Lod-Error, Lod-Screen-Error, "
-         "Lod-Triangles, "
+         "Lod-Triangles, Lod-Vertices, Lod-Base, Lod-Base-Triangles, Lod-Budget, "
          "Server-Timing, X-Request-Id");
     emit(context, "Timing-Allow-Origin", origin);
   }
@@ -261,8 +264,9 @@ enum lod_status lod_service_init(struct lod_service *service, struct lod_store *
   service->viewer_fd = -1;
   service->objects = lod_cache_create(config->cached_objects, release_body);
   service->compressed = lod_cache_create(64, release_body);
+  service->refined = lod_cache_create(64, lod_refined_release);
   service->openapi = lod_body_create(lod_openapi_json, (size_t)(lod_openapi_json_end - lod_openapi_json), NULL, NULL);
-  if (!service->objects || !service->compressed || !service->openapi)
+  if (!service->objects || !service->compressed || !service->refined || !service->openapi)
     return lod_fail_memory(problem);
   if (*config->viewer) {
     service->viewer_fd = open(config->viewer, O_PATH | O_DIRECTORY | O_CLOEXEC);
@@ -275,10 +279,11 @@ enum lod_status lod_service_init(struct lod_service *service, struct lod_store *
 void lod_service_finish(struct lod_service *service) {
   lod_cache_destroy(service->objects);
   lod_cache_destroy(service->compressed);
+  lod_cache_destroy(service->refined);
   lod_body_release(service->openapi);
   if (service->viewer_fd >= 0)
     close(service->viewer_fd);
-  service->objects = service->compressed = NULL;
+  service->objects = service->compressed = service->refined = NULL;
   service->openapi = NULL;
   service->viewer_fd = -1;
 }

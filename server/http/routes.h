@@ -15,7 +15,7 @@
 #include "server/metrics.h"
 #include "server/store/store.h"
 
-enum lod_method { LOD_GET, LOD_HEAD, LOD_PUT, LOD_DELETE, LOD_OPTIONS, LOD_METHOD_OTHER };
+enum lod_method { LOD_GET, LOD_HEAD, LOD_PUT, LOD_DELETE, LOD_POST, LOD_OPTIONS, LOD_METHOD_OTHER };
 
 /* What all handlers share. */
 struct lod_service {
@@ -27,6 +27,8 @@ struct lod_service {
   struct lod_cache *responses;               /* http.c's prepared responses, for their counts; not owned, NULL before it runs */
   struct lod_cache *memos;                   /* http.c's replies by target; likewise */
   struct lod_cache *compressed;              /* ETag -> struct lod_body, gzip of what that ETag names */
+  struct lod_cache *refined;                 /* ETag -> an answer of route_refine.c */
+  struct lod_pool *pool;                     /* warm workers; not owned; NULL: this server refines nothing */
   bool has_token;
   uint8_t token_digest[32]; /* SHA-256 of the bearer token */
   int viewer_fd;            /* folder of the viewer's files; -1 = none */
@@ -59,7 +61,13 @@ struct lod_exchange {
   void *state;            /* a handler's own; state_finish is called with it at the end, however that comes */
   void (*state_finish)(void *state);
   void (*work)(struct lod_exchange *exchange);
-  struct lod_reply reply; /* last */
+  /* Instead of work, for what is answered by somebody else. start runs on a background thread; true: `finished` will be called, from any
+   * thread, once the reply is there (maybe before start returns); false: it is there now. cancel (may be NULL) is called on the event loop,
+   * at most once and before the request is over, when the client goes away meanwhile. */
+  bool (*start)(struct lod_exchange *exchange);
+  void (*cancel)(struct lod_exchange *exchange);
+  void (*finished)(struct lod_exchange *exchange); /* set by http.c */
+  struct lod_reply reply;                          /* last */
 };
 
 struct lod_route {
@@ -98,6 +106,12 @@ void lod_body_upload(struct lod_exchange *exchange, const char *bytes, size_t si
 void lod_answer_upload(struct lod_exchange *exchange);
 void lod_answer_level(struct lod_exchange *exchange);
 void lod_answer_delta(struct lod_exchange *exchange);
+void lod_answer_refine(struct lod_exchange *exchange);
+void lod_answer_contact(struct lod_exchange *exchange);
+void lod_begin_refine(struct lod_exchange *exchange);
+void lod_body_refine(struct lod_exchange *exchange, const char *bytes, size_t size);
+void lod_answer_refine_values(struct lod_exchange *exchange);
+void lod_refined_release(void *value); /* of service->refined */
 void lod_answer_object(struct lod_exchange *exchange);
 void lod_answer_document(struct lod_exchange *exchange);
 void lod_answer_job(struct lod_exchange *exchange);

@@ -139,7 +139,8 @@ _Noreturn static void run_child(const struct child *child) {
   if (getppid() != child->parent) /* it died before the line above */
     _exit(127);
   prefer_as_victim();
-  setpriority(PRIO_PROCESS, 0, NICENESS); /* answering goes before baking */
+  if (!child->settings->answers)
+    setpriority(PRIO_PROCESS, 0, NICENESS); /* answering goes before baking */
   place_descriptors(child);
   for (size_t i = 0; i < child->limit_count; i++) {
     struct rlimit limit;

@@ -13,6 +13,7 @@ struct lod_spawn_settings {
   int input_fd, output_fd;     /* become descriptors 4 and 5; not owned */
   uint64_t memory_limit_bytes; /* RLIMIT_DATA and, with room for mapped files, RLIMIT_AS; also the largest file it may write */
   uint64_t cpu_limit_seconds;  /* of all its threads together */
+  bool answers;                /* somebody waits for it: it runs beside the daemon, not behind it */
 };
 
 struct lod_process {

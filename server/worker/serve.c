@@ -13,6 +13,7 @@
 #include "server/jobs/frame.h"
 #include "server/worker/bake.h"
 #include "server/worker/jail.h"
+#include "server/worker/refine.h"
 
 static bool send_json(char type, json_t *json) {
   char *text = json == NULL ? NULL : json_dumps(json, JSON_COMPACT);
@@ -59,13 +60,15 @@ static bool cancelled(void *context) {
   return gone;
 }
 
-static enum lod_status read_job(json_t **job, struct lod_problem *problem) {
+/* *text: the frame's payload, malloc'd. */
+static enum lod_status read_job(json_t **job, char **text, struct lod_problem *problem) {
   struct lod_frame_reader reader = {0};
   char type = 0;
   enum lod_status status = lod_frame_read(LOD_WORKER_SOCKET_FD, &reader, &type);
   *job = NULL;
   if (status == LOD_OK && type == 'J')
     *job = json_loadb(reader.payload, reader.payload_size, JSON_REJECT_DUPLICATES, NULL);
+  *text = *job == NULL ? NULL : strdup(reader.payload);
   lod_frame_reader_finish(&reader);
   if (*job == NULL)
     return lod_fail(problem, LOD_BAD_INPUT, "bad-frame", "The worker expected one 'J' frame with a JSON object on descriptor %d.",
@@ -138,10 +141,19 @@ static enum lod_status bake(const json_t *job, struct lod_problem *problem) {
 int lod_worker_serve(void) {
   struct lod_problem problem = {0};
   json_t *job = NULL;
+  char *text = NULL;
   struct lod_jail_settings jail = lod_jail_defaults();
   enum lod_status status = lod_jail_enter(&jail, NULL, &problem);
   if (status == LOD_OK)
-    status = read_job(&job, &problem);
+    status = read_job(&job, &text, &problem);
+  const char *kind = json_string_value(json_object_get(job, "job"));
+  if (status == LOD_OK && kind != NULL && text != NULL && strcmp(kind, "refine") == 0) {
+    int code = lod_refine_serve(text);
+    json_decref(job);
+    free(text);
+    return code;
+  }
+  free(text);
   if (status == LOD_OK)
     status = bake(job, &problem);
   if (status != LOD_OK && problem.status == LOD_OK)

@@ -36,8 +36,8 @@ after(() => {
 
 export class Daemon {
   // flags: further flags; store: a folder to use instead of a fresh one, which is then kept; worker: path of the worker program;
-  // later: families of a second bake.
-  static async start({ later = '', flags = [], store = null, worker = recipeWorker } = {}) {
+  // later: families of a second bake; refine: warm workers.
+  static async start({ refine = 0, later = '', flags = [], store = null, worker = recipeWorker } = {}) {
     const daemon = new Daemon();
     daemon.directory = makeDirectory();
     daemon.store = store ?? path.join(daemon.directory, 'store');
@@ -48,7 +48,7 @@ export class Daemon {
     fs.writeFileSync(path.join(viewer, 'assets', 'core.wasm'), Buffer.from([0, 0x61, 0x73, 0x6d]));
     fs.writeFileSync(path.join(daemon.directory, 'secret.txt'), 'outside');
     fs.symlinkSync('../secret.txt', path.join(viewer, 'link.txt'));
-    const args = ['--store', daemon.store, '--listen', '127.0.0.1:0', '--viewer', viewer, '--worker', worker, '--later-families', later, ...flags];
+    const args = ['--store', daemon.store, '--listen', '127.0.0.1:0', '--viewer', viewer, '--worker', worker, '--later-families', later, '--refine-workers', String(refine), ...flags];
     daemon.child = spawn(path.join(build, 'lodestreamd'), args, { stdio: ['ignore', 'pipe', 'pipe'] });
     daemon.log = '';
     running.add(daemon.child);

@@ -75,7 +75,7 @@ check_daemon() {
   for library in core codec worker; do
     [ -e build/release/lib$library.a ] || continue
     { nm --defined-only build/release/lib$library.a 2>/dev/null | awk '$2 ~ /^[TDBR]$/ { print $3 }' | sort -u
-      [ $library != worker ] || nm --defined-only build/release/server/jobs/frame.o 2>/dev/null | awk 'NF == 3 { print $3, "shared" }'
+      [ $library != worker ] || nm --defined-only build/release/server/jobs/{frame,refine_query}.o 2>/dev/null | awk 'NF == 3 { print $3, "shared" }'
     } | awk 'NF == 2 { shared[$1] = 1; next } { name[$1] = 1 } END { for (n in name) if (!(n in shared)) print n }' | sort >"$found.library"
     nm --defined-only "$daemon" | awk '$2 ~ /^[TDBR]$/ { print $3 }' | sort -u >"$found.daemon"
     comm -12 "$found.library" "$found.daemon" | grep -E '^lod_' | head -n 3 | while read -r symbol; do

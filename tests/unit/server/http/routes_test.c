@@ -17,7 +17,7 @@
 /* ---- the table and the document ---- */
 
 static const char *method_key(enum lod_method method) {
-  static const char *const kKeys[] = {"get", "head", "put", "delete", "options"};
+  static const char *const kKeys[] = {"get", "head", "put", "delete", "post", "options"};
   return kKeys[method];
 }
 

@@ -1,0 +1,224 @@
+// Refinement on demand, with the real worker: answers, caching, bad input, budgets, a full queue, deadlines, clients that go, workers that die.
+import assert from 'node:assert/strict';
+import fs from 'node:fs';
+import path from 'node:path';
+import { after, before, test } from 'node:test';
+import { Daemon, build, eventually } from './daemon.mjs';
+
+const worker = path.join(build, 'lodestream');
+const sanitized = build.includes('sanitize');
+const slow = sanitized ? 10 : 1;
+
+// A torus as PLY: smooth and closed, one part.
+function torus(around, tube) {
+  const positions = [];
+  const faces = [];
+  for (let i = 0; i < around; i++)
+    for (let j = 0; j < tube; j++) {
+      const a = (2 * Math.PI * i) / around;
+      const b = (2 * Math.PI * j) / tube;
+      positions.push([(2 + 0.7 * Math.cos(b)) * Math.cos(a), (2 + 0.7 * Math.cos(b)) * Math.sin(a), 0.7 * Math.sin(b)]);
+      const at = (x, y) => (x % around) * tube + (y % tube);
+      faces.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+    }
+  const head = `ply\nformat ascii 1.0\nelement vertex ${positions.length}\nproperty float x\nproperty float y\nproperty float z\n`;
+  return `${head}element face ${faces.length}\nproperty list uchar int vertex_indices\nend_header\n` +
+    positions.map((p) => p.join(' ')).join('\n') + '\n' + faces.map((f) => `3 ${f.join(' ')}`).join('\n') + '\n';
+}
+
+async function baked(options = {}) {
+  const daemon = await Daemon.start({ worker, refine: 2, ...options });
+  const upload = await daemon.curl('/v1/models/ring', ['-T', '-'], torus(40, 18));
+  assert.equal(upload.status, 202, String(upload.body));
+  const job = await daemon.finished(upload.headers.location, 60 * slow);
+  assert.equal(job.state, 'done', JSON.stringify(job));
+  return daemon;
+}
+
+// Counts of a GLB's JSON.
+function glb(bytes) {
+  assert.equal(bytes.subarray(0, 4).toString(), 'glTF');
+  assert.equal(bytes.readUInt32LE(8), bytes.length);
+  const json = JSON.parse(bytes.subarray(20, 20 + bytes.readUInt32LE(12)));
+  const primitive = json.meshes[0].primitives[0];
+  return { json, triangles: json.accessors[primitive.indices].count / 3, vertices: json.accessors[primitive.attributes.POSITION].count };
+}
+
+let daemon;
+let levels;
+before(async () => {
+  daemon = await baked();
+  levels = (await daemon.json('/v1/models/ring')).json.families.cluster.levels;
+});
+after(() => daemon?.stop());
+
+// A level of some hundred triangles, so that what follows is quick.
+const base = () => levels.find((level) => level.triangles > 200) ?? levels.at(-1);
+const refined = (query, args = []) => daemon.curl(`/v1/models/ring/refine?base=cluster:${base().level}&${query}`, args);
+
+test('three uniform steps are 64 times the base', async () => {
+  const { status, headers, body } = await refined('doi=uniform&steps=3');
+  assert.equal(status, 200, String(body));
+  assert.equal(headers['content-type'], 'model/gltf-binary');
+  assert.equal(headers['lod-base'], `cluster:${base().level}`);
+  const { triangles, vertices } = glb(body);
+  assert.equal(triangles, 64 * Number(headers['lod-base-triangles']));
+  assert.equal(triangles, Number(headers['lod-triangles']));
+  assert.equal(vertices, Number(headers['lod-vertices']));
+  assert.equal(headers['lod-budget'], 'kept');
+});
+
+test('every interest answers, and refines less than all', async () => {
+  const all = Number((await refined('doi=uniform&steps=3')).headers['lod-triangles']);
+  for (const query of ['doi=silhouette&eye=0,0,9', 'doi=silhouette&form=edge&direction=0,1,0', 'doi=silhouette&form=cone&eye=9,0,1',
+    'doi=silhouette&form=static&angle=20', 'doi=curvature&angle=12', 'doi=screen&eye=0,3,1&px=2', 'doi=focus&point=2,0,0&falloff=1',
+    'doi=gaze&eye=0,0,6&look=2,0,0', 'doi=contact&point=2,0,2', 'doi=patches&threshold=0.5', 'doi=focus,silhouette&combine=product&point=2,0,0&eye=0,0,9',
+    'doi=silhouette&eye=0,0,9&scheme=paper', 'doi=silhouette&eye=0,0,9&scheme=sqrt3', 'doi=silhouette&eye=0,0,9&encoding=draco']) {
+    const { status, headers, body } = await refined(query);
+    assert.equal(status, 200, `${query}: ${body}`);
+    const triangles = Number(headers['lod-triangles']);
+    assert.ok(triangles > base().triangles / 2 && triangles < all, `${query}: ${triangles} of ${all}`);
+    glb(body);
+  }
+});
+
+test('equal requests have one ETag, are answered from memory, and 304 when the client has them', async () => {
+  const first = await refined('doi=silhouette&eye=0,0,7&angle=25');
+  const again = await daemon.curl(`/v1/models/ring/refine?angle=25&doi=silhouette&eye=0,0,7&base=cluster:${base().level}`);
+  assert.equal(again.headers.etag, first.headers.etag);
+  assert.deepEqual(again.body, first.body);
+  const other = await refined('doi=silhouette&eye=0,0,7.5&angle=25');
+  assert.notEqual(other.headers.etag, first.headers.etag);
+  const known = await refined('doi=silhouette&eye=0,0,7&angle=25', ['-H', `If-None-Match: ${first.headers.etag}`]);
+  assert.equal(known.status, 304);
+  assert.equal(known.body.length, 0);
+  const part = await refined('doi=silhouette&eye=0,0,7&angle=25', ['-H', 'Range: bytes=0-3']);
+  assert.equal(part.status, 206);
+  assert.equal(String(part.body), 'glTF');
+});
+
+test('the same request gives the same bytes whatever its worker did before', async () => {
+  const query = 'doi=screen&eye=1,2,4&px=1&max_triangles=5000';
+  const first = await refined(query);
+  for (let i = 0; i < 6; i++) await refined(`doi=silhouette&eye=${i},0,9`);
+  const fresh = await baked();
+  try {
+    const second = await fresh.curl(`/v1/models/ring/refine?base=cluster:${base().level}&${query}`);
+    assert.deepEqual(second.body, first.body);
+  } finally {
+    await fresh.stop();
+  }
+});
+
+test('a billion triangles are the budget', async () => {
+  const { status, headers } = await refined('doi=uniform&steps=10&max_triangles=20000');
+  assert.equal(status, 200);
+  assert.equal(headers['lod-budget'], 'reached');
+  const triangles = Number(headers['lod-triangles']);
+  assert.ok(triangles <= 20000 && triangles > 18000, String(triangles));
+  const bytes = await refined('doi=uniform&steps=10&max_bytes=100000');
+  assert.ok(bytes.body.length < 110000 && bytes.body.length > 60000, String(bytes.body.length));
+});
+
+test('numbers of the client say where', async () => {
+  const count = Number((await refined('doi=uniform&steps=0')).headers['lod-base-triangles']);
+  const values = Buffer.alloc(4 * count);
+  values.writeFloatLE(1, 4 * 10);
+  const post = (query, body) => daemon.curl(`/v1/models/ring/refine?base=cluster:${base().level}&${query}`,
+    ['-X', 'POST', '-H', 'Content-Type: application/octet-stream', '--data-binary', '@-'], body);
+  const { status, headers, body } = await post('doi=attribute&steps=3', values);
+  assert.equal(status, 200, String(body));
+  const triangles = Number(headers['lod-triangles']);
+  assert.ok(triangles >= count + 63 && triangles < count + 400, String(triangles));
+  const corners = Buffer.alloc(12 * count);
+  for (let i = 0; i < 3; i++) corners.writeFloatLE(1, 4 * (30 + i));
+  assert.equal((await post('doi=attribute&steps=3', corners)).status, 200);
+  const wrong = await post('doi=attribute', values.subarray(0, 40));
+  assert.equal(wrong.status, 400);
+  assert.match(String(wrong.body), new RegExp(`${count} triangles`));
+  assert.equal((await post('doi=attribute', values.subarray(0, 7))).status, 400);
+  assert.equal((await post('doi=uniform', values)).status, 400);
+});
+
+test('contact is told as JSON', async () => {
+  const { status, json } = await daemon.json('/v1/models/ring/contact?point=2,0,3&steps=4');
+  assert.equal(status, 200);
+  assert.ok(Math.abs(json.point[0] - 2) < 0.2 && Math.abs(json.point[2] - 0.6) < 0.2, JSON.stringify(json));
+  assert.ok(json.normal[2] > 0.9);
+  assert.ok(Math.abs(Math.hypot(2 - json.point[0], json.point[1], 3 - json.point[2]) - json.distance) < 1e-6);
+});
+
+test('bad requests are 400 and name the parameter', async () => {
+  for (const [query, parameter] of [['steps=3', 'doi'], ['doi=smell', 'doi'], ['doi=silhouette', 'eye'], ['doi=silhouette&eye=1,2', 'eye'],
+    ['doi=silhouette&direction=0,0,0', 'direction'], ['doi=gaze&eye=0,0,1&look=0,0,1', 'look'], ['doi=uniform&steps=99', 'steps'],
+    ['doi=uniform&eye=0,0,1', 'eye'], ['doi=focus&part=bracelet', 'part'], ['doi=uniform&nonsense=1', 'nonsense'],
+    ['doi=attribute&attribute=red', 'attribute']]) {
+    const { status, body } = await refined(query);
+    assert.equal(status, 400, `${query}: ${body}`);
+    assert.equal(JSON.parse(body).parameter, parameter, `${query}: ${body}`);
+  }
+  const unknown = await daemon.curl('/v1/models/ring/refine?doi=uniform&base=cluster:99');
+  assert.equal(unknown.status, 400);
+  assert.equal(JSON.parse(unknown.body).parameter, 'base');
+  assert.equal((await daemon.curl('/v1/models/none/refine?doi=uniform')).status, 404);
+  assert.equal((await daemon.curl('/v1/models/ring/contact')).status, 400);
+});
+
+test('a worker that dies is replaced and its request gets a clear error', async () => {
+  const own = await baked({ refine: 1 });
+  try {
+    const ticks = (pid) => Number(fs.readFileSync(`/proc/${pid}/stat`, 'utf8').split(') ')[1].split(' ')[11]);
+    const children = () => fs.readdirSync(`/proc/${own.child.pid}/task`).flatMap((task) =>
+      fs.readFileSync(`/proc/${own.child.pid}/task/${task}/children`, 'utf8').trim().split(' ').filter(Boolean).map(Number));
+    assert.equal((await own.curl('/v1/models/ring/refine?doi=uniform&steps=1')).status, 200);
+    const before = children();
+    assert.equal(before.length, 1);
+    // While it is at work: it has used processor time since it was asked.
+    const rest = ticks(before[0]);
+    const asked = own.curl('/v1/models/ring/refine?doi=uniform&steps=10&max_triangles=400000');
+    await eventually('the worker is at work', () => ticks(before[0]) > rest + 2);
+    process.kill(before[0], 'SIGKILL');
+    const { status, body } = await asked;
+    assert.equal(status, 500, String(body));
+    assert.match(JSON.parse(body).type, /worker-crashed/);
+    // Between requests.
+    assert.equal((await own.curl('/v1/models/ring/refine?doi=uniform&steps=2')).status, 200);
+    const next = children();
+    assert.ok(next.length === 1 && next[0] !== before[0]);
+    process.kill(next[0], 'SIGKILL');
+    assert.equal((await own.curl('/v1/models/ring/refine?doi=curvature&steps=2')).status, 200);
+  } finally {
+    await own.stop();
+  }
+});
+
+test('a full queue says 503 and when to come back; a client that goes cancels; late is 503', async () => {
+  const own = await baked({ refine: 1, flags: ['--refine-queue', '1', '--refine-seconds', String(sanitized ? 20 : 2)] });
+  try {
+    const heavy = (i) => own.curl(`/v1/models/ring/refine?doi=uniform&steps=10&max_triangles=${499000 + i}`, i === 0 ? ['-m', '0.3'] : []);
+    const answers = await Promise.all([0, 1, 2, 3, 4, 5].map(heavy));
+    const refused = answers.filter((answer) => answer.status === 503);
+    assert.ok(refused.length >= 2, JSON.stringify(answers.map((answer) => answer.status)));
+    for (const answer of refused) {
+      assert.ok(Number(answer.headers['retry-after']) > 0);
+      assert.match(JSON.parse(answer.body).type, /queue-full|deadline/);
+    }
+    // After a client has gone its worker is soon free for the next.
+    await Promise.allSettled([heavy(0)]);
+    await eventually('an answer after clients that went', async () =>
+      (await own.curl('/v1/models/ring/refine?doi=contact&point=2,0,2&steps=2')).status === 200, 10 * slow);
+  } finally {
+    await own.stop(30);
+  }
+});
+
+test('a server without workers for it says so', async () => {
+  const own = await Daemon.start();
+  try {
+    const { status, body } = await own.curl('/v1/models/ring/refine?doi=uniform');
+    assert.equal(status, 422);
+    assert.match(JSON.parse(body).type, /no-refinement/);
+  } finally {
+    await own.stop();
+  }
+});
