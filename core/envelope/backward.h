@@ -11,7 +11,8 @@ enum { LOD_CERTIFICATE_MAX_FACES = 64 };
 
 struct lod_candidate {
   struct lod_vec3 corner[3];
-  uint32_t face; /* the face that it will be, or is */
+  uint32_t face;      /* the face that it will be, or is */
+  uint32_t vertex[3]; /* of the surface, as they are now */
 };
 
 /* A change: faces `changing` will be gone or altered, `faces` (at most LOD_CERTIFICATE_MAX_FACES) are those that stand around it

@@ -24,7 +24,7 @@ struct witness {
 };
 
 struct lod_collapse_settings lod_collapse_defaults(void) {
-  return (struct lod_collapse_settings){.flip_degrees = 75, .least_quality = 1e-3, .passes = 4, .draft = true};
+  return (struct lod_collapse_settings){.flip_degrees = 75, .least_quality = 1e-3, .passes = 4, .draft = true, .guarding = LOD_GUARD_CLOSED};
 }
 
 /* ---- one collapse ---- */
@@ -81,6 +81,7 @@ bool lod_attempt_gather(struct lod_collapser *c, uint32_t a, uint32_t b, struct 
       for (int k = 0; k < 3; k++) {
         old[k] = s->position[w[k]];
         fresh->corner[k] = w[k] == v ? to : old[k];
+        fresh->vertex[k] = w[k];
         change->hints[change->face_count][k] = c->near[w[k]];
       }
       fresh->face = f;
@@ -114,6 +115,7 @@ static void gather_neighbours(void *context, struct lod_change *change) {
           struct lod_candidate *face = &attempt->faces[change->face_count++];
           for (int n = 0; n < 3; n++)
             face->corner[n] = s->position[u[n]];
+          memcpy(face->vertex, u, sizeof face->vertex);
           face->face = f;
         }
       }
@@ -196,7 +198,10 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
       known = true;
       continue;
     }
+    if (!lod_guard_allows(c->guard, &c->surface, &attempt.change, a, b))
+      continue;
     LOD_TRY(lod_surface_collapse(&c->surface, a, b, place[i]));
+    lod_guard_follow(c->guard, &c->surface, attempt.changing, attempt.change.changing_count);
     if (on_curve)
       lod_curves_collapse(&c->curves, &c->surface, b, stands_for);
     LOD_TRY(lod_certificate_commit(c->certificate, &attempt.change));
@@ -344,6 +349,8 @@ static enum lod_status start(struct lod_collapser *c) {
   const struct lod_mesh *mesh = c->mesh;
   LOD_TRY(lod_surface_create(mesh, c->feature_edges, c->arena, &c->surface));
   LOD_TRY(lod_certificate_create(mesh, c->bvh, 0, c->arena, &c->certificate));
+  if (c->settings.guarding != LOD_GUARD_NONE)
+    LOD_TRY(lod_guard_create(mesh, &c->surface, c->settings.guarding == LOD_GUARD_ALL, c->arena, &c->guard));
   c->proxy_faces = mesh->triangle_count;
   c->proxy_epsilon = 0;
   c->kept_count = 0;

@@ -243,9 +243,10 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
       !lod_attempt_gather(c, a, b, place[0], attempt) || attempt->change.changing_count > MAX_RING)
     return LOD_OK;
   double bound = bound_of(c, draft, attempt, a, b, place[0]);
-  if (!(bound <= draft->limit))
+  if (!(bound <= draft->limit) || !lod_guard_allows(c->guard, &c->surface, &attempt->change, a, b))
     return LOD_OK;
   LOD_TRY(lod_surface_collapse(&c->surface, a, b, place[0]));
+  lod_guard_follow(c->guard, &c->surface, attempt->changing, attempt->change.changing_count);
   draft->bound[b] = bound;
   draft->proven = fmax(draft->proven, bound);
   lod_quadric_add(&c->quadric[b], &c->quadric[a]);
@@ -262,6 +263,9 @@ enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struc
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }
+  attempt->collapser = c;
+  attempt->change.changing = attempt->changing;
+  attempt->change.faces = attempt->faces;
   draft->limit = limit;
   draft->rounding = 2 * lod_tolerance_rounding(lod_mesh_magnitude(c->mesh));
   enum lod_status status = lod_queue_push_all(c);

@@ -5,6 +5,7 @@
 #include "core/envelope/certificate.h"
 #include "core/envelope/collapse.h"
 #include "core/envelope/curves.h"
+#include "core/envelope/guard.h"
 #include "core/envelope/surface.h"
 
 struct lod_quadric;
@@ -25,6 +26,7 @@ struct lod_collapser {
   struct lod_surface surface;
   struct lod_certificate *certificate;
   struct lod_curves curves;
+  struct lod_guard *guard; /* NULL: crossings are nobody's concern */
   double epsilon;              /* of the current stage */
   struct lod_quadric *quadric; /* per vertex */
   uint32_t *near;              /* per vertex: a source triangle near it */

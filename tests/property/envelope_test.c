@@ -11,6 +11,7 @@
 #include "core/envelope/envelope.h"
 #include "core/mesh/adjacency.h"
 #include "core/mesh/distance.h"
+#include "core/mesh/intersect.h"
 #include "core/mesh/topology.h"
 #include "tests/data/ply.h"
 #include "tests/data/shapes.h"
@@ -23,7 +24,14 @@ struct check {
   const struct lod_mesh *mesh;
   struct lod_topology topology;
   uint32_t levels, last_triangles;
+  bool embedded; /* the source crosses itself nowhere */
 };
+
+static uint64_t crossings(struct lod_arena *arena, const struct lod_mesh *mesh) {
+  struct lod_crossings crossings;
+  assert_int_equal(lod_intersect_count(mesh, NULL, arena, NULL, &crossings), LOD_OK);
+  return crossings.pairs;
+}
 
 /* Boundaries and borders of materials as free edges. */
 static struct lod_mesh lines_of(struct lod_arena *arena, const struct lod_mesh *mesh) {
@@ -70,6 +78,8 @@ static enum lod_status check_level(void *context, const struct lod_level *level)
   assert_true(mesh->triangle_count <= check->last_triangles);
   check->last_triangles = mesh->triangle_count;
   check_lines(check, mesh, level->bound);
+  if (check->embedded)
+    assert_int_equal(crossings(check->arena, mesh), 0);
   if (check->topology.manifold) {
     struct lod_topology topology;
     assert_int_equal(lod_topology_measure(mesh, NULL, check->arena, &topology), LOD_OK);
@@ -101,6 +111,8 @@ static uint32_t simplify(struct lod_arena *arena, struct lod_mesh mesh, bool ver
   settings.least_gain = 0;
   struct check check = {.arena = arena, .mesh = &mesh, .last_triangles = UINT32_MAX};
   assert_int_equal(lod_topology_measure(&mesh, NULL, arena, &check.topology), LOD_OK);
+  check.embedded = crossings(arena, &mesh) == 0;
+  settings.collapse.guarding = check.topology.closed ? LOD_GUARD_CLOSED : LOD_GUARD_ALL;
   struct lod_problem problem = {0};
   assert_int_equal(lod_envelope_family.build(&unit, 1, &settings, NULL, arena, check_level, &check, &problem), LOD_OK);
   assert_int_equal(check.levels, SHARES);
