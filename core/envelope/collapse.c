@@ -24,7 +24,8 @@ struct witness {
 };
 
 struct lod_collapse_settings lod_collapse_defaults(void) {
-  return (struct lod_collapse_settings){.flip_degrees = 75, .least_quality = 1e-3, .passes = 4, .draft = true, .guarding = LOD_GUARD_CLOSED};
+  return (struct lod_collapse_settings){
+      .flip_degrees = 75, .least_quality = 1e-3, .passes = 4, .draft = true, .polish = 1, .guarding = LOD_GUARD_CLOSED};
 }
 
 /* ---- one collapse ---- */
@@ -61,7 +62,7 @@ bool lod_attempt_gather(struct lod_collapser *c, uint32_t a, uint32_t b, struct 
   change->changing_count = change->face_count = 0;
   const struct lod_vec3 at = s->position[b];
   int sides = to.x == at.x && to.y == at.y && to.z == at.z ? 1 : 2; /* where b stays, its other faces do */
-  for (int side = 0; side < sides; side++) {
+  for (int side = a == LOD_NONE ? 1 : 0; side < sides; side++) {
     uint32_t v = side == 0 ? a : b;
     const uint32_t *ring = lod_surface_ring(s, v);
     for (uint32_t i = 0; i < s->ring_count[v]; i++) {
@@ -126,7 +127,7 @@ static struct witness *witness_of(struct lod_collapser *c, uint32_t a, uint32_t 
   return &c->witnesses[h >> (64 - WITNESS_SLOTS_LOG2)];
 }
 
-static enum lod_status update_after(struct lod_collapser *c, uint32_t b) {
+enum lod_status lod_collapser_update_after(struct lod_collapser *c, uint32_t b) {
   const struct lod_surface *s = &c->surface;
   c->near[b] = lod_certificate_nearest(c->certificate, s->position[b], c->near[b]);
   c->stamp[b]++;
@@ -159,6 +160,40 @@ static uint32_t ring_state(const struct lod_collapser *c, uint32_t a, uint32_t b
   return sum | 0x80000000u;
 }
 
+void lod_attempt_init(struct lod_collapser *c, struct lod_attempt *attempt) {
+  attempt->collapser = c;
+  attempt->change.gather = gather_neighbours;
+  attempt->change.context = attempt;
+  attempt->change.changing = attempt->changing;
+  attempt->change.faces = attempt->faces;
+  attempt->change.witness = LOD_NONE;
+}
+
+enum lod_status lod_attempt_collapse(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct lod_attempt *attempt,
+                                     bool *done) {
+  uint32_t stands_for = LOD_NONE;
+  bool on_curve = c->surface.kind[a] == LOD_VERTEX_CURVE;
+  *done = false;
+  if (on_curve && !lod_curves_allow(&c->curves, &c->surface, a, b, to, c->epsilon, &stands_for))
+    return LOD_OK;
+  if (!lod_attempt_gather(c, a, b, to, attempt))
+    return LOD_OK;
+  enum lod_status status;
+  bool admitted = lod_certificate_try(c->certificate, &attempt->change, &status);
+  LOD_TRY(status);
+  if (!admitted || !lod_guard_allows(c->guard, &c->surface, &attempt->change, a, b))
+    return LOD_OK;
+  LOD_TRY(lod_surface_collapse(&c->surface, a, b, to));
+  lod_guard_follow(c->guard, &c->surface, attempt->changing, attempt->change.changing_count);
+  if (on_curve)
+    lod_curves_collapse(&c->curves, &c->surface, b, stands_for);
+  LOD_TRY(lod_certificate_commit(c->certificate, &attempt->change));
+  lod_quadric_add(&c->quadric[b], &c->quadric[a]);
+  c->stamp[a]++;
+  *done = true;
+  return LOD_OK;
+}
+
 /* Tries edge (a, b) at up to `most` places; *done when it collapsed. */
 static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b, int most, bool *done) {
   bool b_stays;
@@ -174,41 +209,18 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
   double gate = c->gate * (c->quadric[a].weight + c->quadric[b].weight);
   if (cost[0] > gate || !lod_surface_can_collapse(&c->surface, a, b, &b_stays))
     return LOD_OK;
-  bool on_curve = c->surface.kind[a] == LOD_VERTEX_CURVE;
   struct lod_attempt attempt;
-  attempt.collapser = c;
-  attempt.change.gather = gather_neighbours;
-  attempt.change.context = &attempt;
-  attempt.change.changing = attempt.changing;
-  attempt.change.faces = attempt.faces;
-  for (int i = 0; i < count && i < most; i++) {
-    if (cost[i] > gate)
-      break;
-    uint32_t stands_for = LOD_NONE;
-    if (on_curve && !lod_curves_allow(&c->curves, &c->surface, a, b, place[i], c->epsilon, &stands_for))
-      continue;
-    if (!lod_attempt_gather(c, a, b, place[i], &attempt))
-      continue;
-    attempt.change.witness = known ? witness->triangle : LOD_NONE;
-    enum lod_status status;
-    bool admitted = lod_certificate_try(c->certificate, &attempt.change, &status);
-    LOD_TRY(status);
-    if (!admitted) {
+  lod_attempt_init(c, &attempt);
+  if (known)
+    attempt.change.witness = witness->triangle;
+  for (int i = 0; i < count && i < most && cost[i] <= gate; i++) {
+    LOD_TRY(lod_attempt_collapse(c, a, b, place[i], &attempt, done));
+    if (*done)
+      return lod_collapser_update_after(c, b);
+    if (attempt.change.witness != LOD_NONE) {
       *witness = (struct witness){a, b, attempt.change.witness, 0};
       known = true;
-      continue;
     }
-    if (!lod_guard_allows(c->guard, &c->surface, &attempt.change, a, b))
-      continue;
-    LOD_TRY(lod_surface_collapse(&c->surface, a, b, place[i]));
-    lod_guard_follow(c->guard, &c->surface, attempt.changing, attempt.change.changing_count);
-    if (on_curve)
-      lod_curves_collapse(&c->curves, &c->surface, b, stands_for);
-    LOD_TRY(lod_certificate_commit(c->certificate, &attempt.change));
-    lod_quadric_add(&c->quadric[b], &c->quadric[a]);
-    c->stamp[a]++;
-    *done = true;
-    return update_after(c, b);
   }
   if (most >= count) {
     if (!known)
@@ -434,5 +446,6 @@ enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const
     if (collapsed * 200 < live)
       break;
   }
+  LOD_TRY(lod_polish_run(c, progress));
   return offer_proxy(c, epsilon);
 }

@@ -17,11 +17,12 @@ enum lod_guarding {
 };
 
 struct lod_collapse_settings {
-  bool vertex_subset;   /* vertices of the result are vertices of the source (P4-1); default false: placed freely */
-  double flip_degrees;  /* a face may not turn by more than this in one collapse; default 75 */
-  double least_quality; /* of new faces, 4 sqrt(3) area / sum of squared edges, unless the old were worse; default 1e-3 */
-  uint32_t passes;      /* over all edges, until none of 1 % collapses; default 4 */
-  bool draft;           /* begin with collapses that are bounded by maps (draft.c), five times as fast; default true */
+  bool vertex_subset;         /* vertices of the result are vertices of the source (P4-1); default false: placed freely */
+  double flip_degrees;        /* a face may not turn by more than this in one collapse; default 75 */
+  double least_quality;       /* of new faces, 4 sqrt(3) area / sum of squared edges, unless the old were worse; default 1e-3 */
+  uint32_t passes;            /* over all edges, until none of 1 % collapses; default 4 */
+  bool draft;                 /* begin with collapses that are bounded by maps (draft.c), five times as fast; default true */
+  double polish;              /* how much is spent on other places, flips and moves once few faces are left; 0 = nothing, default 1 */
   enum lod_guarding guarding; /* default LOD_GUARD_CLOSED */
 };
 struct lod_collapse_settings lod_collapse_defaults(void);

@@ -26,7 +26,7 @@ struct lod_collapser {
   struct lod_surface surface;
   struct lod_certificate *certificate;
   struct lod_curves curves;
-  struct lod_guard *guard; /* NULL: crossings are nobody's concern */
+  struct lod_guard *guard;     /* NULL: crossings are nobody's concern */
   double epsilon;              /* of the current stage */
   struct lod_quadric *quadric; /* per vertex */
   uint32_t *near;              /* per vertex: a source triangle near it */
@@ -52,8 +52,20 @@ struct lod_attempt {
 };
 
 /* Faces around (a, b) as they would be after its collapse to `to`, and those that they come from; false when the shapes forbid it or there
- * are too many to certify with. */
+ * are too many to certify with. a LOD_NONE: b alone moves. */
 bool lod_attempt_gather(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct lod_attempt *attempt);
+
+void lod_attempt_init(struct lod_collapser *c, struct lod_attempt *attempt);
+
+/* Collapses (a, b), which the topology must allow, to `to` if line, certificate and guard do. attempt->change.witness as there. */
+LOD_WARN_UNUSED enum lod_status lod_attempt_collapse(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to,
+                                                     struct lod_attempt *attempt, bool *done);
+
+/* After b has moved: what is near it, and its edges into the queue. */
+LOD_WARN_UNUSED enum lod_status lod_collapser_update_after(struct lod_collapser *c, uint32_t b);
+
+/* polish.c: after the collapses have come to an end, where few faces are left. */
+LOD_WARN_UNUSED enum lod_status lod_polish_run(struct lod_collapser *c, const struct lod_progress *progress);
 
 /* draft.c: collapses as many edges as bounds on the displacement of a map from the source to the surface allow, without a certificate.
  * *proven: how far the surface may be from the source, both ways, at most `limit`. */

@@ -327,6 +327,46 @@ enum lod_status lod_surface_collapse(struct lod_surface *s, uint32_t a, uint32_t
   return LOD_OK;
 }
 
+static uint32_t apex_of(const struct lod_surface *s, uint32_t f, uint32_t a, uint32_t b) {
+  const uint32_t *v = s->face[f];
+  return v[0] != a && v[0] != b ? v[0] : v[1] != a && v[1] != b ? v[1] : v[2];
+}
+
+bool lod_surface_can_flip(const struct lod_surface *s, uint32_t f, int k, uint32_t *g) {
+  uint32_t a = s->face[f][k], b = s->face[f][(k + 1) % 3], list[2];
+  if ((s->feature[f] >> k & 1) || edge_faces(s, a, b, list, 2) != 2 || s->ring_count[a] <= 3 || s->ring_count[b] <= 3)
+    return false;
+  *g = list[0] == f ? list[1] : list[0];
+  uint32_t c = apex_of(s, f, a, b), d = apex_of(s, *g, a, b);
+  return c != d && edge_faces(s, c, d, NULL, 0) == 0;
+}
+
+static void add_to_ring(struct lod_surface *s, uint32_t v, uint32_t f) {
+  uint32_t *grown = s->pool + s->pool_used, count = s->ring_count[v];
+  memcpy(grown, s->pool + s->ring[v], count * sizeof *grown);
+  grown[count] = f;
+  s->ring[v] = (uint32_t)s->pool_used;
+  s->ring_count[v] = count + 1;
+  s->pool_used += count + 1;
+}
+
+enum lod_status lod_surface_flip(struct lod_surface *s, uint32_t f, int k, uint32_t g) {
+  uint32_t a = s->face[f][k], b = s->face[f][(k + 1) % 3];
+  uint32_t c = apex_of(s, f, a, b), d = apex_of(s, g, a, b);
+  LOD_TRY(reserve(s, (size_t)s->ring_count[c] + s->ring_count[d] + 2));
+  bool ad = edge_is_feature(s, g, a, d), db = edge_is_feature(s, g, d, b), bc = edge_is_feature(s, f, b, c),
+       ca = edge_is_feature(s, f, c, a);
+  remove_from_ring(s, b, f);
+  remove_from_ring(s, a, g);
+  add_to_ring(s, d, f);
+  add_to_ring(s, c, g);
+  memcpy(s->face[f], (const uint32_t[3]){a, d, c}, sizeof s->face[f]);
+  memcpy(s->face[g], (const uint32_t[3]){d, b, c}, sizeof s->face[g]);
+  s->feature[f] = (uint8_t)(ad | ca << 2);
+  s->feature[g] = (uint8_t)(db | bc << 1);
+  return LOD_OK;
+}
+
 bool lod_surface_check(const struct lod_surface *s) {
   uint32_t live = 0;
   size_t listed = 0;

@@ -52,6 +52,14 @@ bool lod_surface_can_collapse(const struct lod_surface *surface, uint32_t a, uin
  * before anything has changed. */
 LOD_WARN_UNUSED enum lod_status lod_surface_collapse(struct lod_surface *surface, uint32_t a, uint32_t b, struct lod_vec3 to);
 
+/* Whether the edge between face f's corners k and k + 1 may turn to join the two apexes: it is no feature, and they are not joined yet. *g:
+ * the face on its other side. */
+bool lod_surface_can_flip(const struct lod_surface *surface, uint32_t f, int k, uint32_t *g);
+
+/* With f = (a, b, c), a its corner k, and g = (b, a, d): f becomes (a, d, c) and g (d, b, c). Call only after lod_surface_can_flip.
+ * LOD_MEMORY alone can fail, before anything has changed. */
+LOD_WARN_UNUSED enum lod_status lod_surface_flip(struct lod_surface *surface, uint32_t f, int k, uint32_t g);
+
 /* Every list agrees with every face; for assertions. */
 bool lod_surface_check(const struct lod_surface *surface);
 
