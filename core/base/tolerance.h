@@ -16,6 +16,10 @@ static inline double lod_tolerance_rounding(double magnitude) {
  * to 2000 times. A millionth of the smallest epsilon of use. */
 #define LOD_TOLERANCE_CERTIFICATE 0x1p-39
 
+/* Relative to the largest coordinate: what is this near to a plane is coplanar as far as coordinates in float can tell (their rounding is
+ * 2^-24 each, and a plane goes through three of them). */
+#define LOD_TOLERANCE_COPLANAR 0x1p-22
+
 /* A crease is an edge whose faces' normals differ by more than this (degrees), unless the caller says otherwise (Turk 1992, 2.1.4 of the
  * checklist). */
 #define LOD_TOLERANCE_CREASE_DEGREES 40.0

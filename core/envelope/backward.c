@@ -21,7 +21,8 @@ struct vertex_faces {
 
 struct lod_backward {
   const struct lod_mesh *source; /* not owned */
-  double epsilon, epsilon_squared;
+  const double *limits;          /* not owned; or NULL */
+  double epsilon;
   struct vertex_faces *vertices;
   uint32_t stamp;
   struct lod_change *change; /* not owned */
@@ -31,18 +32,19 @@ struct lod_backward {
   struct lod_target targets[LOD_CERTIFICATE_MAX_FACES];
 };
 
-enum lod_status lod_backward_create(const struct lod_mesh *source, struct lod_arena *arena, struct lod_backward **backward) {
+enum lod_status lod_backward_create(const struct lod_mesh *source, const double *limits, struct lod_arena *arena,
+                                    struct lod_backward **backward) {
   struct lod_backward *b = *backward = LOD_NEW_ZERO(arena, 1, struct lod_backward);
   if (b == NULL)
     return LOD_MEMORY;
   b->source = source;
+  b->limits = limits;
   b->vertices = LOD_NEW_ZERO(arena, source->vertex_count, struct vertex_faces);
   return b->vertices == NULL ? LOD_MEMORY : LOD_OK;
 }
 
 void lod_backward_set_epsilon(struct lod_backward *b, double epsilon) {
   b->epsilon = epsilon;
-  b->epsilon_squared = epsilon * epsilon;
 }
 
 /* Faces first ... end - 1 as bits. */
@@ -78,7 +80,7 @@ static uint64_t rest_bits(struct lod_backward *b) {
   return bits(b->change->fresh_count, b->change->face_count);
 }
 
-static bool near_face(struct lod_backward *b, struct lod_vec3 q, uint32_t k) {
+static bool near_face(struct lod_backward *b, struct lod_vec3 q, double epsilon, uint32_t k) {
   struct lod_target *t = &b->targets[k];
   if (!lod_target_box_has(t, q))
     return false;
@@ -86,17 +88,21 @@ static bool near_face(struct lod_backward *b, struct lod_vec3 q, uint32_t k) {
     lod_target_make(t, b->change->faces[k].corner);
     b->made |= (uint64_t)1 << k;
   }
-  return lod_target_within(t, q, b->epsilon, b->epsilon_squared);
+  return lod_target_within(t, q, epsilon, epsilon * epsilon);
 }
 
 /* Which of the faces are within epsilon of q. */
-static uint64_t near_faces(struct lod_backward *b, struct lod_vec3 q, uint64_t faces) {
+static uint64_t near_faces(struct lod_backward *b, struct lod_vec3 q, double epsilon, uint64_t faces) {
   uint64_t near = 0;
   for (; faces != 0; faces &= faces - 1) {
     uint32_t k = (uint32_t)__builtin_ctzll(faces);
-    near |= (uint64_t)near_face(b, q, k) << k;
+    near |= (uint64_t)near_face(b, q, epsilon, k) << k;
   }
   return near;
+}
+
+static double epsilon_at(const struct lod_backward *b, uint32_t v) {
+  return b->limits != NULL && b->limits[v] < b->epsilon ? b->limits[v] : b->epsilon;
 }
 
 /* Of the faces asked for, those near source vertex v (among others that are known already). */
@@ -106,7 +112,7 @@ static uint64_t near_vertex(struct lod_backward *b, uint32_t v, uint64_t faces) 
     *of = (struct vertex_faces){0, 0, b->stamp};
   faces &= ~of->known;
   if (faces != 0) {
-    of->near |= near_faces(b, lod_vec3_from_float(b->source->positions[v]), faces);
+    of->near |= near_faces(b, lod_vec3_from_float(b->source->positions[v]), epsilon_at(b, v), faces);
     of->known |= faces;
   }
   return of->near;
@@ -115,6 +121,7 @@ static uint64_t near_vertex(struct lod_backward *b, uint32_t v, uint64_t faces) 
 /* A convex part of a source triangle. Of each corner: the faces known to be near, and those known about. */
 struct part {
   struct lod_vec3 corner[PART_CORNERS];
+  double epsilon[PART_CORNERS]; /* distance to a convex set is convex: what bounds it at the corners bounds it linearly in between */
   uint64_t near[PART_CORNERS], known[PART_CORNERS];
   uint32_t vertex[PART_CORNERS]; /* of the source, or LOD_NONE */
   uint32_t count;
@@ -152,7 +159,7 @@ static void learn(struct question *q, struct part *part, uint32_t i, uint64_t fa
   if (faces == 0)
     return;
   if (part->vertex[i] == LOD_NONE)
-    part->near[i] |= near_faces(q->backward, part->corner[i], faces);
+    part->near[i] |= near_faces(q->backward, part->corner[i], part->epsilon[i], faces);
   else
     part->near[i] |= near_vertex(q->backward, part->vertex[i], faces);
   part->known[i] |= faces;
@@ -248,8 +255,9 @@ static void find_half(const struct part *part, double side[PART_CORNERS]) {
     side[i] = lod_vec3_dot(ab, lod_vec3_subtract(part->corner[i], a)) - 0.5 * length;
 }
 
-static void add_corner(struct part *to, struct lod_vec3 corner, uint64_t near, uint64_t known, uint32_t vertex) {
+static void add_corner(struct part *to, struct lod_vec3 corner, double epsilon, uint64_t near, uint64_t known, uint32_t vertex) {
   to->corner[to->count] = corner;
+  to->epsilon[to->count] = epsilon;
   to->near[to->count] = near;
   to->known[to->count] = known;
   to->vertex[to->count++] = vertex;
@@ -267,14 +275,15 @@ static bool cut_part(const struct part *part, uint32_t face, const double side[P
   outside->spent = part->spent | (uint64_t)1 << face;
   for (uint32_t i = 0; i < part->count; i++) {
     uint32_t j = i + 1 == part->count ? 0 : i + 1;
-    add_corner(side[i] > 0 ? inside : outside, part->corner[i], part->near[i], part->known[i], part->vertex[i]);
+    add_corner(side[i] > 0 ? inside : outside, part->corner[i], part->epsilon[i], part->near[i], part->known[i], part->vertex[i]);
     if ((side[i] > 0) == (side[j] > 0))
       continue;
-    struct lod_vec3 at =
-        lod_vec3_add_scaled(part->corner[i], lod_vec3_subtract(part->corner[j], part->corner[i]), side[i] / (side[i] - side[j]));
+    double t = side[i] / (side[i] - side[j]);
+    struct lod_vec3 at = lod_vec3_add_scaled(part->corner[i], lod_vec3_subtract(part->corner[j], part->corner[i]), t);
+    double epsilon = part->epsilon[i] + t * (part->epsilon[j] - part->epsilon[i]);
     uint64_t near = part->near[i] & part->near[j]; /* convexity */
-    add_corner(inside, at, near, near, LOD_NONE);
-    add_corner(outside, at, near, near, LOD_NONE);
+    add_corner(inside, at, epsilon, near, near, LOD_NONE);
+    add_corner(outside, at, epsilon, near, near, LOD_NONE);
   }
   return true;
 }
@@ -334,7 +343,7 @@ bool lod_backward_test(struct lod_backward *b, uint32_t t, uint64_t *used) {
     return true;
   struct part part = {.count = 0, .spent = 0};
   for (int k = 0; k < 3; k++)
-    add_corner(&part, lod_vec3_from_float(b->source->positions[v[k]]), near[k], b->vertices[v[k]].known, v[k]);
+    add_corner(&part, lod_vec3_from_float(b->source->positions[v[k]]), epsilon_at(b, v[k]), near[k], b->vertices[v[k]].known, v[k]);
   struct question q = ask(b, part.corner);
   bool proven = certify_part(&q, &part, DEPTH);
   *used = q.used;

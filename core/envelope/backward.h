@@ -32,7 +32,9 @@ struct lod_change {
 
 struct lod_backward;
 
-LOD_WARN_UNUSED enum lod_status lod_backward_create(const struct lod_mesh *source, struct lod_arena *arena, struct lod_backward **backward);
+/* limits: per source vertex, how far the surface may be there at most, epsilon or not, linear in between; or NULL. Not owned. */
+LOD_WARN_UNUSED enum lod_status lod_backward_create(const struct lod_mesh *source, const double *limits, struct lod_arena *arena,
+                                                    struct lod_backward **backward);
 
 /* Of the questions to come; already narrowed by what rounding may take. */
 void lod_backward_set_epsilon(struct lod_backward *backward, double epsilon);

@@ -92,8 +92,8 @@ enum lod_status lod_certificate_add_proxy(struct lod_certificate *c, const struc
   return LOD_OK;
 }
 
-enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, double epsilon, struct lod_arena *arena,
-                                       struct lod_certificate **certificate) {
+enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, const double *limits, double epsilon,
+                                       struct lod_arena *arena, struct lod_certificate **certificate) {
   struct lod_certificate *c = LOD_NEW_ZERO(arena, 1, struct lod_certificate);
   if (c == NULL)
     return LOD_MEMORY;
@@ -101,8 +101,9 @@ enum lod_status lod_certificate_create(const struct lod_mesh *source, const stru
   c->bvh = bvh;
   c->arena = arena;
   c->margin = LOD_TOLERANCE_CERTIFICATE * lod_mesh_magnitude(source);
-  LOD_TRY(lod_backward_create(source, arena, &c->backward));
+  LOD_TRY(lod_backward_create(source, limits, arena, &c->backward));
   LOD_TRY(lod_forward_init(&c->forward, source, bvh, arena));
+  c->forward.limits = limits;
   lod_certificate_set_epsilon(c, epsilon);
   c->charges = LOD_NEW_ZERO(arena, source->triangle_count, struct charges);
   c->version = LOD_NEW_ZERO(arena, source->triangle_count, uint32_t);
@@ -180,7 +181,7 @@ static bool near_source(const struct lod_certificate *c, struct lod_vec3 p, uint
 
 /* The coarsest proxy that leaves most of epsilon; NULL when there is none. */
 static const struct proxy *useful_proxy(const struct lod_certificate *c) {
-  for (uint32_t i = c->proxy_count; i > 0; i--)
+  for (uint32_t i = c->forward.limits != NULL ? 0 : c->proxy_count; i > 0; i--) /* a proxy knows of no limits */
     if (c->proxies[i - 1].proven <= PROXY_SHARE * c->epsilon)
       return &c->proxies[i - 1];
   return NULL;

@@ -12,9 +12,10 @@
 
 struct lod_certificate;
 
-/* source and bvh (over it) are not owned. The surface's face f starts as source triangle f. */
-LOD_WARN_UNUSED enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, double epsilon,
-                                                       struct lod_arena *arena, struct lod_certificate **certificate);
+/* source and bvh (over it) are not owned. The surface's face f starts as source triangle f. limits: as lod_backward_create, in both
+ * directions; or NULL. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, const double *limits,
+                                                       double epsilon, struct lod_arena *arena, struct lod_certificate **certificate);
 
 /* From now on `face` answers for the source triangle alone: all of it must be part of that face. */
 LOD_WARN_UNUSED enum lod_status lod_certificate_move(struct lod_certificate *certificate, uint32_t triangle, uint32_t face);

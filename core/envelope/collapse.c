@@ -183,6 +183,7 @@ enum lod_status lod_attempt_collapse(struct lod_collapser *c, uint32_t a, uint32
   LOD_TRY(status);
   if (!admitted || !lod_guard_allows(c->guard, &c->surface, &attempt->change, a, b))
     return LOD_OK;
+  lod_collapser_note_origin(c, a, b, to);
   LOD_TRY(lod_surface_collapse(&c->surface, a, b, to));
   lod_guard_follow(c->guard, &c->surface, attempt->changing, attempt->change.changing_count);
   if (on_curve)
@@ -360,7 +361,10 @@ static enum lod_status host_degenerate(struct lod_collapser *c) {
 static enum lod_status start(struct lod_collapser *c) {
   const struct lod_mesh *mesh = c->mesh;
   LOD_TRY(lod_surface_create(mesh, c->feature_edges, c->arena, &c->surface));
-  LOD_TRY(lod_certificate_create(mesh, c->bvh, 0, c->arena, &c->certificate));
+  for (uint32_t v = 0; v < mesh->vertex_count && c->settings.pinned != NULL; v++)
+    if (c->settings.pinned[v])
+      c->surface.kind[v] = LOD_VERTEX_CORNER;
+  LOD_TRY(lod_certificate_create(mesh, c->bvh, c->settings.limits, 0, c->arena, &c->certificate));
   if (c->settings.guarding != LOD_GUARD_NONE)
     LOD_TRY(lod_guard_create(mesh, &c->surface, c->settings.guarding == LOD_GUARD_ALL, c->arena, &c->guard));
   c->proxy_faces = mesh->triangle_count;
@@ -369,7 +373,7 @@ static enum lod_status start(struct lod_collapser *c) {
   memset(c->quadric, 0, mesh->vertex_count * sizeof *c->quadric);
   memset(c->witnesses, 0xff, ((size_t)1 << WITNESS_SLOTS_LOG2) * sizeof *c->witnesses);
   for (uint32_t v = 0; v < mesh->vertex_count; v++) {
-    c->merged[v] = v;
+    c->merged[v] = c->origin[v] = v;
     c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
   }
   LOD_TRY(lod_curves_create(mesh, &c->surface, c->arena, &c->curves));
@@ -395,8 +399,10 @@ enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct l
   c->stamp = LOD_NEW_ZERO(arena, mesh->vertex_count, uint32_t);
   c->face_mark = LOD_NEW_ZERO(arena, mesh->triangle_count, uint32_t);
   c->merged = LOD_NEW(arena, mesh->vertex_count, uint32_t);
+  c->origin = LOD_NEW(arena, mesh->vertex_count, uint32_t);
   c->witnesses = LOD_NEW(arena, (size_t)1 << WITNESS_SLOTS_LOG2, struct witness);
-  if (c->quadric == NULL || c->near == NULL || c->stamp == NULL || c->face_mark == NULL || c->merged == NULL || c->witnesses == NULL)
+  if (c->quadric == NULL || c->near == NULL || c->stamp == NULL || c->face_mark == NULL || c->merged == NULL || c->origin == NULL ||
+      c->witnesses == NULL)
     return LOD_MEMORY;
   LOD_TRY(start(c));
   LOD_TRY(find_patches(c));
@@ -435,7 +441,7 @@ static enum lod_status draft_stage(struct lod_collapser *c, double epsilon, cons
 
 enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
   uint32_t collapsed;
-  if (c->settings.draft && epsilon > STAGE_STEP * c->proxy_epsilon) {
+  if (c->settings.draft && c->settings.limits == NULL && epsilon > STAGE_STEP * c->proxy_epsilon) {
     set_epsilon(c, epsilon, STAGE_GATE * STAGE_SHARE * STAGE_SHARE);
     LOD_TRY(draft_stage(c, epsilon, progress));
   }

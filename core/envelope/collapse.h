@@ -24,6 +24,10 @@ struct lod_collapse_settings {
   bool draft;                 /* begin with collapses that are bounded by maps (draft.c), five times as fast; default true */
   double polish;              /* how much is spent on other places, flips and moves once few faces are left; 0 = nothing, default 1 */
   enum lod_guarding guarding; /* default LOD_GUARD_CLOSED */
+  /* Per source vertex, how far the result may be from the source there at most, linear in between (P4-15); or NULL. Not owned. */
+  const double *limits;
+  const bool
+      *pinned; /* per source vertex, whether it and the feature edges between two such stay as they are (P4-14); or NULL. Not owned */
 };
 struct lod_collapse_settings lod_collapse_defaults(void);
 
@@ -39,5 +43,9 @@ LOD_WARN_UNUSED enum lod_status lod_collapser_run(struct lod_collapser *collapse
  * result triangle that certified a part of it, or LOD_NONE. */
 LOD_WARN_UNUSED enum lod_status lod_collapser_extract(const struct lod_collapser *collapser, struct lod_arena *arena, struct lod_mesh *mesh,
                                                       uint32_t *nearby);
+
+/* replacements (source vertex_count, caller's): per source vertex the nearest result triangle among those that certify a triangle of it
+ * (P4-13), within epsilon; LOD_NONE where no triangle has it. */
+LOD_WARN_UNUSED enum lod_status lod_collapser_replacements(const struct lod_collapser *collapser, uint32_t *replacements);
 
 #endif

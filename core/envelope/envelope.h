@@ -7,10 +7,10 @@
  * - Lines (boundaries, seams, creases, borders of materials) are certified against the source's lines as well (curves.h; P4-14).
  *
  * The candidate cover itself, with its reported bound, is cover.h; better.h takes the better of both.
+ * - No face newly crosses another (guard.h) in components without boundary, or everywhere when asked; instead of offsets that keep apart.
  *
- * Not built: epsilon per region of the collapse (P4-15; the cover has it), flips and relocation after the collapses, and a test that no
- * face newly crosses another: levels keep the topology, but may intersect themselves where the source comes closer to itself than epsilon.
- */
+ * What topology cannot promise: non-manifold edges and vertices stay where they are, so a surface made of them keeps them; quantisation,
+ * which comes after, may let faces cross that come closer than its step. */
 #ifndef LOD_CORE_ENVELOPE_ENVELOPE_H
 #define LOD_CORE_ENVELOPE_ENVELOPE_H
 
@@ -27,24 +27,36 @@ struct lod_envelope_report {
   double normal_degrees;
 };
 
+/* What the user asks of one unit. */
+struct lod_envelope_wishes {
+  const double *limits;       /* per vertex: the most that the result may be from the source there, in the unit's own measure, linear in
+                               * between (P4-15); INFINITY = epsilon; or NULL */
+  const uint32_t (*edges)[2]; /* edge_count: vertices of edges of the mesh that stay as they are (P4-14); or NULL */
+  uint32_t edge_count;
+};
+
 struct lod_envelope_settings {
-  const double *epsilons; /* model units, > 0, strictly increasing (finest first); NULL = the ladder of lod_envelope_ladder */
+  /* Model units, strictly increasing (finest first); NULL = the ladder of lod_envelope_ladder. A first of 0 asks for what is coplanar as
+   * far as floats can tell: its bound is LOD_TOLERANCE_COPLANAR times the largest coordinate. */
+  const double *epsilons;
   uint32_t epsilon_count;
   /* Share of each epsilon left to the quantisation that follows, in [0, 0.9]; 0.12. */
   double reserve;
   double least_gain;     /* a level that saves less than this share of the triangles of the one before is left out; 0 = none; 0.1 */
   double crease_degrees; /* an edge across which the source's own normals jump by more is a crease and stays a line; 30 */
   struct lod_collapse_settings collapse;
-  struct lod_better_settings better;   /* where the cover (cover.h) goes on, or does better */
-  struct lod_envelope_report *reports; /* one an epsilon, caller's; or NULL */
-  uint32_t threads;                    /* as lod_parallel_for; results do not depend on it */
+  struct lod_better_settings better;        /* where the cover (cover.h) goes on, or does better; not with vertex_subset or wishes */
+  const struct lod_envelope_wishes *wishes; /* one a unit; or NULL */
+  struct lod_envelope_report *reports;      /* one an epsilon, caller's; or NULL */
+  uint32_t threads;                         /* as lod_parallel_for; results do not depend on it */
 };
 struct lod_envelope_settings lod_envelope_defaults(void);
 
 /* Shares of the diagonal of the default ladder, finest first; *count of them. */
 const double *lod_envelope_ladder(uint32_t *count);
 
-/* settings of its build: struct lod_envelope_settings. Levels have `nearby` and a bound, no images. */
+/* settings of its build: struct lod_envelope_settings. Levels have `nearby`, `replacements` and a bound, no images. With
+ * collapse.vertex_subset they are nested and have `parents`. */
 extern const struct lod_family lod_envelope_family;
 
 /* Feature bits of lod_surface_create for `mesh`: boundaries, non-manifold edges, borders of materials and parts, UV seams, creases.

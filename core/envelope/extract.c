@@ -1,8 +1,10 @@
 /* The surface of a collapser as a mesh. */
+#include <math.h>
 #include <string.h>
 
 #include "core/envelope/collapse.h"
 #include "core/envelope/internal.h"
+#include "core/mesh/triangle_distance.h"
 
 /* Free edges and points of the source stay as they are, on vertices of their own. */
 static enum lod_status copy_loose(const struct lod_mesh *from, struct lod_arena *arena, struct lod_mesh *to) {
@@ -102,4 +104,40 @@ enum lod_status lod_collapser_extract(const struct lod_collapser *c, struct lod_
     status = copy_loose(c->mesh, arena, mesh);
   lod_arena_destroy(scratch);
   return status;
+}
+
+enum lod_status lod_collapser_replacements(const struct lod_collapser *c, uint32_t *replacements) {
+  const struct lod_surface *s = &c->surface;
+  struct lod_arena *scratch = lod_arena_create_child(c->arena);
+  double *nearest = scratch == NULL ? NULL : LOD_NEW(scratch, s->vertex_count, double);
+  if (nearest == NULL) {
+    lod_arena_destroy(scratch);
+    return LOD_MEMORY;
+  }
+  for (uint32_t v = 0; v < s->vertex_count; v++) {
+    nearest[v] = INFINITY;
+    replacements[v] = LOD_NONE;
+  }
+  for (uint32_t f = 0, triangle = 0; f < s->face_count; f++) {
+    if (s->face[f][0] == LOD_NONE)
+      continue;
+    struct lod_vec3 p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = s->position[s->face[f][k]];
+    struct lod_triangle_probe probe = lod_triangle_prepare(p[0], p[1], p[2]);
+    for (uint32_t i = 0; i < lod_certificate_charge_count(c->certificate, f); i++) {
+      uint32_t t = lod_certificate_charge(c->certificate, f, i);
+      for (int k = 0; k < 3 && t != LOD_NONE; k++) {
+        uint32_t v = c->mesh->triangles[t][k];
+        double d2 = lod_triangle_distance_squared(&probe, lod_vec3_from_float(c->mesh->positions[v]));
+        if (d2 < nearest[v]) {
+          nearest[v] = d2;
+          replacements[v] = triangle;
+        }
+      }
+    }
+    triangle++;
+  }
+  lod_arena_destroy(scratch);
+  return LOD_OK;
 }

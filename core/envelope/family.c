@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/base/tolerance.h"
 #include "core/envelope/better.h"
 #include "core/envelope/internal.h"
 
@@ -24,7 +25,10 @@ struct run {
   const struct lod_unit *unit;
   struct lod_arena *arena; /* of the collapser: as long as the family runs */
   struct lod_collapser *collapser;
+  struct lod_collapse_settings settings;
   struct lod_arena *level_arena; /* of the current level */
+  uint32_t *last_vertex;         /* nested: source vertex -> vertex of the level emitted last; NULL before the first */
+  uint32_t last_surface;         /* vertices of that level's surface */
   struct lod_envelope_report report;
   enum lod_status status;
 };
@@ -34,13 +38,43 @@ struct ladder {
   uint32_t run_count;
   const struct lod_envelope_settings *settings;
   const struct lod_progress *progress;
-  double epsilon; /* of the current level, model units */
+  double epsilon;  /* of the current level, model units */
+  double coplanar; /* the least there is, model units */
   struct lod_mesh *meshes;
-  uint32_t **nearby;
+  uint32_t **nearby, **replacements, **parents;
   enum lod_status (*step)(struct ladder *ladder, uint32_t u); /* what for_units does */
   struct lod_envelope_report *report;                         /* of the current level, or NULL */
   uint64_t last_triangles;                                    /* of the level emitted last, or of the source */
 };
+
+static enum lod_status take_wishes(struct run *run, const struct lod_envelope_wishes *wishes, uint8_t *features) {
+  const struct lod_mesh *mesh = &run->unit->mesh;
+  if (wishes->limits != NULL) {
+    double margin = LOD_TOLERANCE_CERTIFICATE * lod_mesh_magnitude(mesh);
+    double *limits = LOD_NEW(run->arena, mesh->vertex_count, double);
+    if (limits == NULL)
+      return LOD_MEMORY;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++)
+      limits[v] = fmax(0, wishes->limits[v] - margin);
+    run->settings.limits = limits;
+  }
+  if (wishes->edge_count == 0)
+    return LOD_OK;
+  bool *pinned = LOD_NEW_ZERO(run->arena, mesh->vertex_count, bool);
+  if (pinned == NULL)
+    return LOD_MEMORY;
+  for (uint32_t e = 0; e < wishes->edge_count; e++)
+    pinned[wishes->edges[e][0]] = pinned[wishes->edges[e][1]] = true;
+  for (uint32_t t = 0; t < mesh->triangle_count; t++)
+    for (int k = 0; k < 3; k++) {
+      uint32_t a = mesh->triangles[t][k], b = mesh->triangles[t][(k + 1) % 3];
+      for (uint32_t e = 0; pinned[a] && pinned[b] && e < wishes->edge_count; e++)
+        if ((wishes->edges[e][0] == a && wishes->edges[e][1] == b) || (wishes->edges[e][0] == b && wishes->edges[e][1] == a))
+          features[t] |= (uint8_t)(1 << k);
+    }
+  run->settings.pinned = pinned;
+  return LOD_OK;
+}
 
 static enum lod_status start_unit(struct ladder *ladder, struct run *run) {
   const struct lod_mesh *mesh = &run->unit->mesh;
@@ -48,26 +82,77 @@ static enum lod_status start_unit(struct ladder *ladder, struct run *run) {
   uint8_t *features;
   LOD_TRY(lod_bvh_create(mesh, 1, run->arena, &bvh));
   LOD_TRY(lod_envelope_features(mesh, ladder->settings->crease_degrees, run->arena, &features));
-  return lod_collapser_create(mesh, bvh, features, &ladder->settings->collapse, run->arena, &run->collapser);
+  run->settings = ladder->settings->collapse;
+  if (ladder->settings->wishes != NULL)
+    LOD_TRY(take_wishes(run, &ladder->settings->wishes[run - ladder->runs], features));
+  return lod_collapser_create(mesh, bvh, features, &run->settings, run->arena, &run->collapser);
+}
+
+/* Nested: where the vertices of the level that is emitted were in the one before. Those that stand for themselves alone (of free edges, and
+ * of degenerate triangles that stay) come last in every level. */
+static enum lod_status find_parents(struct ladder *ladder, uint32_t u) {
+  struct run *run = &ladder->runs[u];
+  const struct lod_surface *s = &run->collapser->surface;
+  uint32_t count = ladder->meshes[u].vertex_count, level_vertex = 0;
+  bool first = run->last_vertex == NULL;
+  if (first && (run->last_vertex = LOD_NEW(run->arena, s->vertex_count, uint32_t)) == NULL)
+    return LOD_MEMORY;
+  uint32_t *parents = first ? NULL : LOD_NEW(run->level_arena, count, uint32_t);
+  if (!first && parents == NULL)
+    return LOD_MEMORY;
+  for (uint32_t v = 0; v < s->vertex_count; v++) {
+    if (s->ring_count[v] == 0)
+      continue;
+    uint32_t origin = run->collapser->origin[v];
+    if (!first)
+      parents[level_vertex] = run->last_vertex[origin];
+    run->last_vertex[origin] = level_vertex++; /* origins are all different */
+  }
+  for (uint32_t i = level_vertex; i < count && !first; i++)
+    parents[i] = run->last_surface + i - level_vertex;
+  run->last_surface = level_vertex;
+  ladder->parents[u] = parents;
+  return LOD_OK;
 }
 
 static enum lod_status collapse_unit(struct ladder *ladder, uint32_t u) {
   struct run *run = &ladder->runs[u];
   if (run->collapser == NULL)
     LOD_TRY(start_unit(ladder, run));
-  return lod_collapser_run(run->collapser, ladder->epsilon / run->unit->scale, ladder->progress);
+  double coplanar = LOD_TOLERANCE_COPLANAR * lod_mesh_magnitude(&run->unit->mesh);
+  return lod_collapser_run(run->collapser, fmax(coplanar, ladder->epsilon / run->unit->scale), ladder->progress);
+}
+
+/* The cover's word, where it needs fewer triangles; replacements are then the nearest. */
+static enum lod_status take_better(struct ladder *ladder, uint32_t u) {
+  struct run *run = &ladder->runs[u];
+  struct lod_better_report better = {0};
+  LOD_TRY(lod_envelope_better(run->collapser, ladder->epsilon / run->unit->scale, &ladder->settings->better, ladder->progress,
+                              run->level_arena, &ladder->meshes[u], ladder->nearby[u], &better));
+  if (better.saved_going_on == 0 && better.saved_in_parts == 0)
+    return LOD_OK;
+  const struct lod_mesh *source = &run->unit->mesh;
+  struct lod_bvh *bvh;
+  LOD_TRY(lod_bvh_create(&ladder->meshes[u], 1, run->level_arena, &bvh));
+  for (uint32_t v = 0, near = LOD_NONE; v < source->vertex_count; v++)
+    if (ladder->replacements[u][v] != LOD_NONE)
+      ladder->replacements[u][v] = near = lod_bvh_closest(bvh, lod_vec3_from_float(source->positions[v]), near, INFINITY).primitive;
+  return LOD_OK;
 }
 
 static enum lod_status extract_unit(struct ladder *ladder, uint32_t u) {
   struct run *run = &ladder->runs[u];
   ladder->nearby[u] = LOD_NEW(run->level_arena, run->unit->mesh.triangle_count, uint32_t);
-  if (ladder->nearby[u] == NULL)
+  ladder->replacements[u] = LOD_NEW(run->level_arena, run->unit->mesh.vertex_count, uint32_t);
+  if (ladder->nearby[u] == NULL || ladder->replacements[u] == NULL)
     return LOD_MEMORY;
   LOD_TRY(lod_collapser_extract(run->collapser, run->level_arena, &ladder->meshes[u], ladder->nearby[u]));
   LOD_TRY(lod_envelope_sample_attributes(run->collapser, run->level_arena, &ladder->meshes[u]));
-  struct lod_better_report better;
-  LOD_TRY(lod_envelope_better(run->collapser, ladder->epsilon / run->unit->scale, &ladder->settings->better, ladder->progress,
-                              run->level_arena, &ladder->meshes[u], ladder->nearby[u], &better));
+  if (ladder->settings->collapse.vertex_subset)
+    LOD_TRY(find_parents(ladder, u));
+  LOD_TRY(lod_collapser_replacements(run->collapser, ladder->replacements[u]));
+  if (!ladder->settings->collapse.vertex_subset && ladder->settings->wishes == NULL)
+    LOD_TRY(take_better(ladder, u));
   run->report = (struct lod_envelope_report){0};
   return ladder->report == NULL ? LOD_OK
                                 : lod_envelope_measure_attributes(run->collapser, run->level_arena, &ladder->meshes[u], &run->report);
@@ -107,7 +192,10 @@ static enum lod_status emit_level(struct ladder *ladder, struct lod_arena *arena
   for (uint32_t u = 0; status == LOD_OK && ladder->report != NULL && u < ladder->run_count; u++)
     add_report(ladder->report, &ladder->runs[u].report, ladder->meshes[u].triangle_count);
   if (status == LOD_OK) {
-    struct lod_level level = {.meshes = ladder->meshes, .nearby = ladder->nearby, .bound = ladder->epsilon};
+    struct lod_level level = {
+        .meshes = ladder->meshes, .nearby = ladder->nearby, .replacements = ladder->replacements, .bound = ladder->epsilon};
+    if (ladder->runs[0].last_vertex != NULL && ladder->parents[0] != NULL)
+      level.parents = ladder->parents;
     status = sink(sink_context, &level);
   }
   for (uint32_t u = 0; u < ladder->run_count; u++) {
@@ -142,9 +230,9 @@ static double largest_diagonal(const struct lod_unit *units, uint32_t unit_count
 
 static enum lod_status check_settings(const struct lod_envelope_settings *settings, struct lod_problem *problem) {
   for (uint32_t i = 0; settings->epsilons != NULL && i < settings->epsilon_count; i++)
-    if (!(settings->epsilons[i] > 0) || !isfinite(settings->epsilons[i]) || (i > 0 && settings->epsilons[i] <= settings->epsilons[i - 1]))
-      return lod_fail(problem, LOD_BAD_INPUT, "bad-epsilon", "Epsilons must be positive, finite and strictly increasing; number %u is %g.",
-                      i, settings->epsilons[i]);
+    if (!(settings->epsilons[i] >= 0) || !isfinite(settings->epsilons[i]) || (i > 0 && settings->epsilons[i] <= settings->epsilons[i - 1]))
+      return lod_fail(problem, LOD_BAD_INPUT, "bad-epsilon",
+                      "Epsilons must be at least 0, finite and strictly increasing; number %u is %g.", i, settings->epsilons[i]);
   if (!(settings->least_gain >= 0 && settings->least_gain < 1))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-gain", "The least gain of a level must be in [0, 1), not %g.", settings->least_gain);
   if (!(settings->reserve >= 0 && settings->reserve <= 0.9))
@@ -158,7 +246,7 @@ static enum lod_status climb(struct ladder *ladder, const double *epsilons, uint
   for (uint32_t i = 0; i < count; i++) {
     if (lod_progress_cancelled(ladder->progress))
       return LOD_CANCELLED;
-    ladder->epsilon = epsilons[i] * unit_of_epsilon * (1 - ladder->settings->reserve);
+    ladder->epsilon = fmax(epsilons[i] * unit_of_epsilon * (1 - ladder->settings->reserve), ladder->coplanar);
     ladder->report = ladder->settings->reports == NULL ? NULL : &ladder->settings->reports[i];
     if (ladder->report != NULL)
       *ladder->report = (struct lod_envelope_report){0};
@@ -180,13 +268,20 @@ static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, 
   ladder.runs = LOD_NEW_ZERO(scratch, unit_count, struct run);
   ladder.meshes = LOD_NEW_ZERO(scratch, unit_count, struct lod_mesh);
   ladder.nearby = LOD_NEW_ZERO(scratch, unit_count, uint32_t *);
-  enum lod_status status = ladder.runs == NULL || ladder.meshes == NULL || ladder.nearby == NULL ? LOD_MEMORY : LOD_OK;
+  ladder.replacements = LOD_NEW_ZERO(scratch, unit_count, uint32_t *);
+  ladder.parents = LOD_NEW_ZERO(scratch, unit_count, uint32_t *);
+  enum lod_status status =
+      ladder.runs == NULL || ladder.meshes == NULL || ladder.nearby == NULL || ladder.replacements == NULL || ladder.parents == NULL
+          ? LOD_MEMORY
+          : LOD_OK;
   for (uint32_t u = 0; status == LOD_OK && u < unit_count; u++) {
     ladder.last_triangles += units[u].mesh.triangle_count;
     ladder.runs[u] = (struct run){.unit = &units[u], .arena = lod_arena_create_child(scratch)};
     if (ladder.runs[u].arena == NULL)
       status = LOD_MEMORY;
   }
+  for (uint32_t u = 0; u < unit_count; u++)
+    ladder.coplanar = fmax(ladder.coplanar, LOD_TOLERANCE_COPLANAR * lod_mesh_magnitude(&units[u].mesh) * units[u].scale);
   if (status == LOD_OK && settings.epsilons != NULL)
     status = climb(&ladder, settings.epsilons, settings.epsilon_count, 1, arena, sink, sink_context);
   else if (status == LOD_OK)

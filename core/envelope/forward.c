@@ -110,6 +110,14 @@ static void halve(const struct piece *piece, struct piece *one, struct piece *ot
     other->corner[other->count++] = piece->corner[(longest + s) % n];
 }
 
+/* Squared, of what source triangle t may prove. */
+static double squared_at(const struct lod_forward *f, uint32_t t) {
+  double epsilon = f->epsilon;
+  for (int k = 0; f->limits != NULL && k < 3; k++)
+    epsilon = fmin(epsilon, f->limits[f->source->triangles[t][k]]);
+  return epsilon * epsilon;
+}
+
 enum { PROVEN = 0, REFUTED = -1 }; /* else the parts that a piece was replaced by */
 
 /* Takes the source triangle nearest to the centre next. False: it is beyond epsilon. */
@@ -144,6 +152,8 @@ static int divide_by_ball(const struct lod_forward *f, struct piece *piece, stru
     *refuter = centre;
     return REFUTED;
   }
+  if (f->limits != NULL)
+    rest = fmax(0, sqrt(squared_at(f, near)) - radius_around(piece, centre) * (1 + 1e-12));
   if (!(rest > 0 && squared <= rest * rest))
     return halve_with_hint(piece, near, parts);
   piece->hint = near;
@@ -201,7 +211,7 @@ static int divide(const struct lod_forward *f, struct piece *piece, struct piece
       worst = i;
     }
   }
-  if (worst_squared <= f->epsilon_squared)
+  if (worst_squared <= squared_at(f, piece->hint))
     return PROVEN;
   double size = fmax(lod_vec3_length_squared(t.ab), lod_vec3_length_squared(t.ac));
   if (size < SMALL * f->epsilon_squared)

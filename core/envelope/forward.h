@@ -9,6 +9,7 @@ struct lod_forward {
   const struct lod_bvh *bvh;
   uint32_t (*neighbour)[3];        /* per source triangle and edge: the triangle across it, LOD_NONE at the boundary */
   double epsilon, epsilon_squared; /* already narrowed by what rounding may take */
+  const double *limits;            /* per source vertex, as lod_backward_create: a triangle proves what its least corner allows; or NULL */
 };
 
 LOD_WARN_UNUSED enum lod_status lod_forward_init(struct lod_forward *forward, const struct lod_mesh *source, const struct lod_bvh *bvh,

@@ -40,6 +40,7 @@ struct lod_collapser {
   double gate;          /* mean squared distance to the planes around, above which an edge is not tried */
   uint32_t proxy_faces; /* of the last proxy */
   double proxy_epsilon; /* proven of it */
+  uint32_t *origin;     /* per vertex: the source vertex at whose place it stands, as long as none was placed freely */
   uint32_t *merged;     /* draft: per vertex, where it went; itself while it stands */
 };
 
@@ -54,6 +55,13 @@ struct lod_attempt {
 /* Faces around (a, b) as they would be after its collapse to `to`, and those that they come from; false when the shapes forbid it or there
  * are too many to certify with. a LOD_NONE: b alone moves. */
 bool lod_attempt_gather(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct lod_attempt *attempt);
+
+/* b takes over a's origin where (a, b) is about to collapse to a's place. */
+static inline void lod_collapser_note_origin(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to) {
+  struct lod_vec3 at = c->surface.position[a];
+  if (to.x == at.x && to.y == at.y && to.z == at.z)
+    c->origin[b] = c->origin[a];
+}
 
 void lod_attempt_init(struct lod_collapser *c, struct lod_attempt *attempt);
 

@@ -16,6 +16,9 @@ struct lod_level {
   uint32_t *const *nearby;
   /* Per unit: level vertex -> vertex of the next finer level emitted before (nested families); or NULL. */
   uint32_t *const *parents;
+  /* Per unit: source vertex -> level triangle that replaces it, near it, so that the vertex can move there (Varshney 1995, 6.5), LOD_NONE
+   * where it names no triangle; or NULL. */
+  uint32_t *const *replacements;
   double bound; /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
   double cell;  /* width of the clustering cell; 0 = none */
 };

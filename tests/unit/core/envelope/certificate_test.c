@@ -62,7 +62,7 @@ static void set_up(struct fixture *f) {
   f->source = (struct lod_mesh){.vertex_count = 4, .triangle_count = 2, .positions = square_positions, .triangles = square_triangles};
   struct lod_bvh *bvh;
   assert_int_equal(lod_bvh_create(&f->source, 1, f->arena, &bvh), LOD_OK);
-  assert_int_equal(lod_certificate_create(&f->source, bvh, 0.1, f->arena, &f->certificate), LOD_OK);
+  assert_int_equal(lod_certificate_create(&f->source, bvh, NULL, 0.1, f->arena, &f->certificate), LOD_OK);
   /* The flip: each source triangle is now certified by both faces, half and half. */
   uint32_t both[2] = {0, 1};
   struct lod_candidate flipped[2] = {candidate(0, kCorner[0], kCorner[1], kCorner[3]), candidate(1, kCorner[1], kCorner[2], kCorner[3])};
