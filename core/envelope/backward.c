@@ -9,7 +9,8 @@
 #include "core/envelope/backward_target.h"
 
 enum {
-  DEPTH = 12, /* cuts of a source triangle */
+  DEPTH = 40, /* cuts of a source triangle one after another: the hub of a fan needs one for each face of it */
+  PARTS = 96, /* of one source triangle, all together */
   PART_CORNERS = 9,
 };
 
@@ -134,6 +135,7 @@ struct question {
   double min[3], max[3];
   uint64_t fresh, rest;
   bool has_rest;
+  uint32_t parts;
   uint64_t used;
 };
 
@@ -231,7 +233,7 @@ static bool find_cut(const struct lod_target *t, const struct part *part, uint32
         in = s[k][i];
     }
     /* Not so near the border that rounding decides. */
-    if (in > 1e-6 * -out && out < 1e-6 * -in && out < farthest) {
+    if (in > 1e-10 * -out && out < 1e-10 * -in && out < farthest) {
       farthest = out;
       memcpy(side, s[k], part->count * sizeof *side);
     }
@@ -307,7 +309,7 @@ static bool certify_part(struct question *q, struct part *part, int depth) {
     learn(q, part, i, (uint64_t)1 << face);
   if (use(near_all(part), &q->used))
     return true;
-  if (depth == 0 || part->count + 2 > PART_CORNERS)
+  if (depth == 0 || ++q->parts > PARTS || part->count + 2 > PART_CORNERS)
     return false;
   double side[PART_CORNERS];
   if (!find_cut(&b->targets[face], part, face, b->epsilon, side)) {

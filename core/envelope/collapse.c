@@ -7,6 +7,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/base/tolerance.h"
 #include "core/envelope/internal.h"
 #include "core/envelope/quadric.h"
 
@@ -268,7 +269,9 @@ static enum lod_status run_pass(struct lod_collapser *c, int places, const struc
 static void set_epsilon(struct lod_collapser *c, double epsilon, double gate) {
   c->epsilon = epsilon;
   lod_certificate_set_epsilon(c->certificate, epsilon);
-  c->gate = gate * epsilon * epsilon;
+  /* Of coplanar regions in floats the planes' rounding says more than their distance: no gate. */
+  bool coplanar = epsilon <= 2 * LOD_TOLERANCE_COPLANAR * lod_mesh_magnitude(c->mesh);
+  c->gate = coplanar ? INFINITY : gate * epsilon * epsilon;
   for (size_t i = 0; i < (size_t)1 << WITNESS_SLOTS_LOG2; i++)
     c->witnesses[i].state = 0;
 }

@@ -10,7 +10,8 @@
 #include "core/envelope/internal.h"
 #include "core/envelope/quadric.h"
 
-enum { CANCEL_EVERY = 4096, MAX_RING = 64, MAX_SPOKES = 2 * MAX_RING };
+/* Hubs of many faces jam certificates later, which look at few faces around. */
+enum { CANCEL_EVERY = 4096, MAX_RING = 64, MAX_SPOKES = 2 * MAX_RING, MOST_FRESH = 16 };
 
 /* Normals of faces and of the plane of the overlay: cosine at least this. */
 static const double LEAST_COSINE = 0.1;
@@ -236,11 +237,13 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
   struct lod_vec3 place[4];
   double cost[4];
   bool b_stays;
-  if (c->surface.kind[a] != LOD_VERTEX_INTERIOR)
+  /* Interior edges alone: vertices drained into lines would leave triangles from line to line, on which lines cannot collapse. */
+  if (c->surface.kind[a] != LOD_VERTEX_INTERIOR || c->surface.kind[b] != LOD_VERTEX_INTERIOR)
     return LOD_OK;
   lod_collapser_placements(c, a, b, c->surface.kind[b] != LOD_VERTEX_INTERIOR, place, cost);
   if (cost[0] > c->gate * (c->quadric[a].weight + c->quadric[b].weight) || !lod_surface_can_collapse(&c->surface, a, b, &b_stays) ||
-      !lod_attempt_gather(c, a, b, place[0], attempt) || attempt->change.changing_count > MAX_RING)
+      !lod_attempt_gather(c, a, b, place[0], attempt) || attempt->change.changing_count > MAX_RING ||
+      attempt->change.fresh_count > MOST_FRESH)
     return LOD_OK;
   double bound = bound_of(c, draft, attempt, a, b, place[0]);
   if (!(bound <= draft->limit) || !lod_guard_allows(c->guard, &c->surface, &attempt->change, a, b))

@@ -47,6 +47,14 @@ static struct lod_triangle_probe probe_of(const struct lod_forward *f, uint32_t 
                               lod_vec3_from_float(f->source->positions[v[2]]));
 }
 
+/* Squared, of what source triangle t may prove. */
+static double squared_at(const struct lod_forward *f, uint32_t t) {
+  double epsilon = f->epsilon;
+  for (int k = 0; f->limits != NULL && k < 3; k++)
+    epsilon = fmin(epsilon, f->limits[f->source->triangles[t][k]]);
+  return epsilon * epsilon;
+}
+
 static struct lod_vec3 centre_of(const struct piece *piece) {
   struct lod_vec3 sum = piece->corner[0];
   for (uint32_t i = 1; i < piece->count; i++)
@@ -110,14 +118,6 @@ static void halve(const struct piece *piece, struct piece *one, struct piece *ot
     other->corner[other->count++] = piece->corner[(longest + s) % n];
 }
 
-/* Squared, of what source triangle t may prove. */
-static double squared_at(const struct lod_forward *f, uint32_t t) {
-  double epsilon = f->epsilon;
-  for (int k = 0; f->limits != NULL && k < 3; k++)
-    epsilon = fmin(epsilon, f->limits[f->source->triangles[t][k]]);
-  return epsilon * epsilon;
-}
-
 enum { PROVEN = 0, REFUTED = -1 }; /* else the parts that a piece was replaced by */
 
 /* Takes the source triangle nearest to the centre next. False: it is beyond epsilon. */
@@ -146,14 +146,14 @@ static double radius_around(const struct piece *piece, struct lod_vec3 centre) {
  * centre instead. */
 static int divide_by_ball(const struct lod_forward *f, struct piece *piece, struct piece parts[2], struct lod_vec3 *refuter) {
   struct lod_vec3 centre = centre_of(piece);
-  double rest = fmax(0, f->epsilon - radius_around(piece, centre) * (1 + 1e-12)), squared;
-  uint32_t near = lod_bvh_search(f->bvh, centre, piece->hint, f->epsilon_squared, rest * rest, &squared);
+  double radius = radius_around(piece, centre) * (1 + 1e-12), rest = fmax(0, f->epsilon - radius), squared;
+  uint32_t near = lod_bvh_search(f->bvh, centre, piece->hint, f->epsilon_squared, f->limits == NULL ? rest * rest : -1, &squared);
   if (near >= f->source->triangle_count) {
     *refuter = centre;
     return REFUTED;
   }
   if (f->limits != NULL)
-    rest = fmax(0, sqrt(squared_at(f, near)) - radius_around(piece, centre) * (1 + 1e-12));
+    rest = fmax(0, sqrt(squared_at(f, near)) - radius);
   if (!(rest > 0 && squared <= rest * rest))
     return halve_with_hint(piece, near, parts);
   piece->hint = near;
@@ -211,10 +211,11 @@ static int divide(const struct lod_forward *f, struct piece *piece, struct piece
       worst = i;
     }
   }
-  if (worst_squared <= squared_at(f, piece->hint))
+  double allowed_squared = squared_at(f, piece->hint);
+  if (worst_squared <= allowed_squared)
     return PROVEN;
   double size = fmax(lod_vec3_length_squared(t.ab), lod_vec3_length_squared(t.ac));
-  if (size < SMALL * f->epsilon_squared)
+  if (size < SMALL * allowed_squared)
     return divide_by_ball(f, piece, parts, refuter);
   double side[CORNERS];
   int across = edge_under(&t, piece, worst, side);

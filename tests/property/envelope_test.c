@@ -1,4 +1,11 @@
-/* What every envelope level promises, on meshes that try to break it: within epsilon both ways, measured afresh, and the same topology. */
+/* What every envelope level promises, on meshes that try to break it: within epsilon both ways, measured afresh, the same topology, and no
+ * crossing that the source has not.
+ *
+ * The checklist of Varshney et al. 1995: P4-1 here (two-sided, topology) and in envelope_modes_test (vertex subset); P4-2 soups, bow ties
+ * and Moebius strips here; P4-3 to P4-12 in cover_test; P4-13 (replacement triangles), P4-14 (kept edges), P4-15 (epsilon per vertex) in
+ * envelope_modes_test; P4-16 here: every level of a ladder is measured against the source; P4-17: the ladder is shares of the diagonal;
+ * P4-18: core/level/screen; P4-19: vertex_subset here; P4-20: the bench, beside cover_test's assembly; P4-21 is the paper's word on itself:
+ * slivers and degenerate triangles are here, and symmetry is not kept by us either. Traps of algorithms 2.4: certificate_test. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
