@@ -25,7 +25,8 @@ static const struct setting {
     {"models", "DIR", TEXT, AT(models), "", 0, 0,
      "Watched folder: files put into it are baked under their base name, and again when they change."},
     {"token-file", "FILE", TEXT, AT(token_file), "", 0, 0,
-     "First line: the bearer token that PUT and DELETE need. Not set: anyone who connects may write."},
+     "Tokens that PUT and DELETE need, a line each: NAME sha256:DIGEST [models=ID,...] [may=write,delete] [bytes-per-day=N]; or one token "
+     "in plain text. Not set: anyone who connects may write."},
     {"tls-cert", "FILE", TEXT, AT(tls_cert), "", 0, 0, "PEM certificate chain: serve HTTPS. Needs tls-key."},
     {"tls-key", "FILE", TEXT, AT(tls_key), "", 0, 0, "PEM private key of tls-cert."},
     {"viewer", "DIR", TEXT, AT(viewer), "", 0, 0,
@@ -114,6 +115,10 @@ static bool parse_count(const char *text, enum kind kind, uint64_t *value) {
   return *end == 0;
 }
 
+bool lod_config_parse_bytes(const char *text, uint64_t *value) {
+  return parse_count(text, BYTES, value);
+}
+
 /* where: "--loops" or "file, line 3". */
 static enum lod_status set(const struct setting *setting, const char *text, const char *where, struct lod_config *config,
                            struct lod_problem *problem) {
@@ -192,7 +197,16 @@ static enum lod_status read_flags(int argc, char *const *argv, bool file, const 
       *action = LOD_CONFIG_HELP;
     else if (strcmp(flag, "--version") == 0)
       *action = LOD_CONFIG_VERSION;
-    else if (strncmp(flag, "--", 2) != 0)
+    else if (strcmp(flag, "--check-store") == 0)
+      *action = LOD_CONFIG_CHECK_STORE;
+    else if (strcmp(flag, "--repair-store") == 0)
+      *action = LOD_CONFIG_REPAIR_STORE;
+    else if (strcmp(flag, "--make-token") == 0 && i + 1 < argc) {
+      *action = LOD_CONFIG_MAKE_TOKEN;
+      free(config->token_name);
+      if ((config->token_name = strdup(argv[++i])) == NULL)
+        return lod_fail_memory(problem);
+    } else if (strncmp(flag, "--", 2) != 0)
       return lod_fail(problem, LOD_BAD_INPUT, "bad-flag", "'%s' is not a flag; try --help.", flag);
     else {
       size_t size = strcspn(flag + 2, "=");
@@ -238,7 +252,7 @@ enum lod_status lod_config_read(int argc, char *const *argv, const char *program
     LOD_TRY(set(&kSettings[i], kSettings[i].otherwise, "default", config, problem));
   const char *path = NULL;
   LOD_TRY(read_flags(argc, argv, true, &path, config, action, problem));
-  if (*action != LOD_CONFIG_RUN)
+  if (*action == LOD_CONFIG_HELP || *action == LOD_CONFIG_VERSION || *action == LOD_CONFIG_MAKE_TOKEN)
     return LOD_OK;
   if (path)
     LOD_TRY(read_file(path, config, problem));
@@ -267,6 +281,8 @@ void lod_config_finish(struct lod_config *config) {
       free(*text_of(config, &kSettings[i]));
       *text_of(config, &kSettings[i]) = NULL;
     }
+  free(config->token_name);
+  config->token_name = NULL;
 }
 
 void lod_config_help(FILE *out) {
@@ -281,9 +297,34 @@ void lod_config_help(FILE *out) {
   }
   fputs(
       "  --config FILE\n        Settings to read before the flags; # begins a comment line.\n"
+      "  --check-store, --repair-store\n        Check the whole of --store, or mend it, and end; no daemon may hold it. Status 0: sound, "
+      "1: "
+      "something was found.\n"
+      "  --make-token NAME\n        Print a fresh token and its line for --token-file.\n"
       "  --help, --version\n\n"
+      "SIGHUP reads the file, the flags, the tokens and the certificate again; what cannot change in a running daemon is named in the "
+      "log.\n"
       "SIGTERM and SIGINT let answers in progress finish, then stop. Exit status: 0 stopped as asked, 1 could not start, 2 wrong usage.\n",
       out);
+}
+
+/* What a running daemon takes over. */
+static const char *const kLive[] = {"token-file",   "tls-cert",     "tls-key",    "cors",          "log-level",    "header-seconds",
+                                    "idle-seconds", "rate-seconds", "rate-bytes", "drain-seconds", "upload-bytes", "store-bytes"};
+
+void lod_config_fixed_differences(const struct lod_config *a, const struct lod_config *b, char *names, size_t size) {
+  *names = 0;
+  for (size_t i = 0; i < SETTING_COUNT; i++) {
+    const struct setting *setting = &kSettings[i];
+    bool live = false;
+    for (size_t k = 0; k < sizeof kLive / sizeof *kLive; k++)
+      live |= strcmp(kLive[k], setting->name) == 0;
+    bool same = setting->kind == TEXT ? strcmp(*text_of((struct lod_config *)a, setting), *text_of((struct lod_config *)b, setting)) == 0
+                                      : *count_of((struct lod_config *)a, setting) == *count_of((struct lod_config *)b, setting);
+    size_t used = strlen(names);
+    if (!live && !same && used < size)
+      snprintf(names + used, size - used, "%s%s", used ? " " : "", setting->name);
+  }
 }
 
 char *lod_config_limits_json(const struct lod_config *config) {

@@ -3,6 +3,7 @@
 #ifndef LOD_SERVER_CONFIG_H
 #define LOD_SERVER_CONFIG_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 
@@ -11,6 +12,7 @@
 struct lod_config {
   char *store, *listen, *models, *token_file, *tls_cert, *tls_key, *viewer, *worker, *log, *log_level, *cors, *families,
       *later_families; /* "" = not set */
+  char *token_name;    /* of --make-token; NULL = none */
   uint64_t loops, connections, address_connections, header_seconds, idle_seconds, rate_seconds, rate_bytes, drain_seconds, cached_objects;
   uint64_t store_bytes, upload_bytes, bakes, bake_threads, bake_queue, bake_seconds, bake_memory;
   uint64_t refine_workers, refine_queue, refine_seconds, refine_memory, refine_triangles;
@@ -18,7 +20,14 @@ struct lod_config {
       limit_texture_bytes; /* 0 = the worker's default */
 };
 
-enum lod_config_action { LOD_CONFIG_RUN, LOD_CONFIG_HELP, LOD_CONFIG_VERSION };
+enum lod_config_action {
+  LOD_CONFIG_RUN,
+  LOD_CONFIG_HELP,
+  LOD_CONFIG_VERSION,
+  LOD_CONFIG_CHECK_STORE,  /* --check-store */
+  LOD_CONFIG_REPAIR_STORE, /* --repair-store */
+  LOD_CONFIG_MAKE_TOKEN,   /* --make-token NAME: in token_name */
+};
 
 /* Reads the command line, and the file that --config names. program: path of this program, where the viewer and the worker are looked for.
  * LOD_BAD_INPUT names the flag or the line. `config` is to be finished in any case. */
@@ -31,6 +40,12 @@ LOD_WARN_UNUSED enum lod_status lod_config_read_text(const char *name, const cha
                                                      struct lod_problem *problem);
 
 void lod_config_help(FILE *out);
+
+/* Names of the settings that differ and that a running daemon cannot change, separated by blanks; "" = none. */
+void lod_config_fixed_differences(const struct lod_config *a, const struct lod_config *b, char *names, size_t size);
+
+/* 12, 64KiB, 1GiB; false when it is not such a number. */
+bool lod_config_parse_bytes(const char *text, uint64_t *value);
 
 /* Import limits that were set, as the worker takes them: {"vertices":1000}; malloc'd, "{}" when none was. NULL: memory. */
 char *lod_config_limits_json(const struct lod_config *config);

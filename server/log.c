@@ -8,7 +8,7 @@
 
 static struct {
   bool json;
-  enum lod_log_level level;
+  _Atomic enum lod_log_level level;
 } settings = {false, LOD_LOG_INFO};
 
 static const char *const kNames[] = {"debug", "info", "warn", "error", "off"};
@@ -25,6 +25,10 @@ bool lod_log_level_parse(const char *name, enum lod_log_level *level) {
       return true;
     }
   return false;
+}
+
+void lod_log_set_level(enum lod_log_level level) {
+  settings.level = level;
 }
 
 bool lod_log_enabled(enum lod_log_level level) {
@@ -128,5 +132,20 @@ void lod_log_write_request(const struct lod_log_request *request) {
     if (request->note)
       add(&line, " (%s)", request->note);
   }
+  end(&line);
+}
+
+void lod_log_write_audit(const struct lod_log_audit *audit) {
+  if (!lod_log_enabled(LOD_LOG_INFO))
+    return;
+  struct line line;
+  begin(&line, LOD_LOG_INFO);
+  add(&line, settings.json ? ",\"audit\":" : " audit ");
+  add_quoted(&line, audit->action);
+  add(&line, settings.json ? ",\"model\":" : " model ");
+  add_quoted(&line, audit->model);
+  add(&line, settings.json ? ",\"token\":" : " token ");
+  add_quoted(&line, audit->token);
+  add(&line, settings.json ? ",\"status\":%u,\"peer\":\"%s\",\"request\":\"%s\"" : " %u %s %s", audit->status, audit->peer, audit->id);
   end(&line);
 }

@@ -12,6 +12,8 @@ void lod_log_open(bool json, enum lod_log_level level);
 /* False for an unknown name. */
 bool lod_log_level_parse(const char *name, enum lod_log_level *level);
 bool lod_log_enabled(enum lod_log_level level);
+/* Any thread, any time. */
+void lod_log_set_level(enum lod_log_level level);
 
 __attribute__((format(printf, 2, 3))) void lod_log(enum lod_log_level level, const char *format, ...);
 
@@ -26,5 +28,15 @@ struct lod_log_request {
   const char *note;            /* NULL, or why it ended early */
 };
 void lod_log_write_request(const struct lod_log_request *request);
+
+/* Who tried to change what, and what came of it: level info, written also when requests are not (unless the level is above). */
+struct lod_log_audit {
+  const char *action; /* "PUT", "DELETE" */
+  const char *model;
+  const char *token; /* its name; "" = none was needed, or it was not a good one */
+  const char *peer, *id;
+  unsigned status;
+};
+void lod_log_write_audit(const struct lod_log_audit *audit);
 
 #endif

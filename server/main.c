@@ -11,14 +11,24 @@
 #include "server/config.h"
 #include "server/http/deadline.h"
 #include "server/http/http.h"
+#include "server/http/tls.h"
 #include "server/jobs/pool.h"
 #include "server/log.h"
 #include "server/models_dir.h"
+#include "server/notify.h"
+#include "server/store/check.h"
 
 enum { EXIT_STOPPED = 0, EXIT_CANNOT_START = 1, EXIT_USAGE = 2 };
 
-struct daemon {
+/* Settings that were in force; kept, because requests may still look at them. */
+struct kept_config {
   struct lod_config config;
+  struct kept_config *older;
+};
+
+struct daemon {
+  struct lod_config config; /* of the start */
+  struct kept_config *kept;
   char *limits_json;
   struct lod_metrics *metrics;
   struct lod_store *store;
@@ -109,7 +119,7 @@ static enum lod_status start(struct daemon *daemon, struct lod_problem *problem)
     LOD_TRY(start_pool(daemon, problem));
   daemon->service.pool = daemon->pool;
   struct lod_http *http;
-  LOD_TRY(lod_http_create(&daemon->service, -1, &http, problem));
+  LOD_TRY(lod_http_create(&daemon->service, lod_notify_take_listener(), &http, problem));
   pthread_mutex_lock(&daemon->http_lock);
   daemon->http = http;
   pthread_mutex_unlock(&daemon->http_lock);
@@ -124,6 +134,8 @@ static void stop(struct daemon *daemon) {
   struct lod_http *http = daemon->http;
   daemon->http = NULL;
   pthread_mutex_unlock(&daemon->http_lock);
+  const struct lod_config *config = daemon->service.config ? daemon->service.config : &daemon->config;
+  lod_http_destroy(http, http ? (double)config->drain_seconds : 0);
   lod_http_destroy(http, (double)daemon->config.drain_seconds);
   lod_pool_destroy(daemon->pool);
   lod_jobs_destroy(daemon->jobs);
@@ -132,6 +144,105 @@ static void stop(struct daemon *daemon) {
   lod_metrics_destroy(daemon->metrics);
   free(daemon->limits_json);
   lod_config_finish(&daemon->config);
+  while (daemon->kept) {
+    struct kept_config *older = daemon->kept->older;
+    lod_config_finish(&daemon->kept->config);
+    free(daemon->kept);
+    daemon->kept = older;
+  }
+}
+
+/* ---- while it runs ---- */
+
+/* All or nothing: with anything wrong in the new settings, the old ones stay. */
+static enum lod_status reload_settings(struct daemon *daemon, int argc, char **argv, const char *program, struct lod_problem *problem) {
+  struct kept_config *kept = calloc(1, sizeof *kept);
+  enum lod_config_action action;
+  enum lod_log_level level;
+  char fixed[512];
+  if (!kept)
+    return lod_fail_memory(problem);
+  kept->older = daemon->kept;
+  daemon->kept = kept;
+  LOD_TRY(lod_config_read(argc, argv, program, &kept->config, &action, problem));
+  if (!lod_log_level_parse(kept->config.log_level, &level))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-setting", "log-level must be debug, info, warn, error or off, not '%s'.",
+                    kept->config.log_level);
+  lod_config_fixed_differences(&daemon->config, &kept->config, fixed, sizeof fixed);
+  if (*fixed)
+    lod_log(LOD_LOG_WARN, "reload: these settings take effect at the next start: %s", fixed);
+  if (*kept->config.tls_cert && *daemon->config.tls_cert)
+    LOD_TRY(lod_tls_load(kept->config.tls_cert, kept->config.tls_key, problem));
+  LOD_TRY(lod_service_set_config(&daemon->service, &kept->config, problem));
+  lod_http_settings_changed(daemon->http);
+  lod_store_set_quota(daemon->store, kept->config.store_bytes);
+  lod_log_set_level(level);
+  return LOD_OK;
+}
+
+static void reload(struct daemon *daemon, int argc, char **argv, const char *program) {
+  struct lod_problem problem = {0};
+  lod_notify_reloading();
+  if (reload_settings(daemon, argc, argv, program, &problem) == LOD_OK)
+    lod_log(LOD_LOG_INFO, "reload: the settings were read again");
+  else
+    lod_log(LOD_LOG_ERROR, "reload: the old settings stay: %s", problem.detail);
+  lod_notify("READY=1");
+}
+
+/* Until SIGTERM or SIGINT. A manager's watchdog hears of us only while every event loop turns. */
+static void run(struct daemon *daemon, const sigset_t *signals, int argc, char **argv, const char *program) {
+  enum { HANGS_SECONDS = 10 };
+  double every = lod_notify_watchdog_seconds() / 2;
+  struct timespec wait = {.tv_sec = (time_t)every, .tv_nsec = (long)(1e9 * (every - (double)(time_t)every))};
+  for (;;) {
+    int number = every > 0 ? sigtimedwait(signals, NULL, &wait) : sigwaitinfo(signals, NULL);
+    if (number == SIGHUP) {
+      reload(daemon, argc, argv, program);
+    } else if (number > 0) {
+      const struct lod_config *config = daemon->service.config;
+      lod_notify("STOPPING=1");
+      lod_log(LOD_LOG_INFO, "%s: finishing what was begun, for at most %llu s", strsignal(number),
+              (unsigned long long)config->drain_seconds);
+      return;
+    } else if (every > 0 && lod_http_idle_seconds(daemon->http) < HANGS_SECONDS) {
+      lod_notify("WATCHDOG=1");
+    }
+  }
+}
+
+/* ---- what else the program does ---- */
+
+static int check_store(const struct lod_config *config, bool repair) {
+  struct lod_store_findings f;
+  struct lod_problem problem = {0};
+  if (lod_store_check(config->store, repair, stdout, &f, &problem) != LOD_OK) {
+    fprintf(stderr, "lodestreamd: %s\n", problem.detail);
+    return EXIT_CANNOT_START;
+  }
+  uint64_t found = f.damaged + f.missing + f.broken_models + f.stray + f.lost_uploads;
+  printf("%llu models, %llu objects, %llu bytes: %llu damaged, %llu missing, %llu models not whole, %llu stray files, %llu lost uploads",
+         (unsigned long long)f.models, (unsigned long long)f.objects, (unsigned long long)f.bytes, (unsigned long long)f.damaged,
+         (unsigned long long)f.missing, (unsigned long long)f.broken_models, (unsigned long long)f.stray,
+         (unsigned long long)f.lost_uploads);
+  printf(repair && found ? "; repaired\n" : "\n");
+  return found && !repair ? EXIT_CANNOT_START : EXIT_STOPPED;
+}
+
+static int do_other(enum lod_config_action action, const struct lod_config *config) {
+  switch (action) {
+  case LOD_CONFIG_HELP:
+    lod_config_help(stdout);
+    return EXIT_STOPPED;
+  case LOD_CONFIG_MAKE_TOKEN:
+    return lod_token_make(config->token_name, stdout) ? EXIT_STOPPED : EXIT_CANNOT_START;
+  case LOD_CONFIG_CHECK_STORE:
+  case LOD_CONFIG_REPAIR_STORE:
+    return check_store(config, action == LOD_CONFIG_REPAIR_STORE);
+  default:
+    printf("lodestreamd %s\n", LOD_VERSION);
+    return EXIT_STOPPED;
+  }
 }
 
 static void program_path(char *path, size_t size) {
@@ -156,12 +267,9 @@ int main(int argc, char **argv) {
     return EXIT_USAGE;
   }
   if (action != LOD_CONFIG_RUN) {
-    if (action == LOD_CONFIG_HELP)
-      lod_config_help(stdout);
-    else
-      printf("lodestreamd %s\n", LOD_VERSION);
+    int result = do_other(action, &daemon.config);
     lod_config_finish(&daemon.config);
-    return EXIT_STOPPED;
+    return result;
   }
   lod_log_open(strcmp(daemon.config.log, "json") == 0, level);
   signal(SIGPIPE, SIG_IGN);
@@ -171,21 +279,19 @@ int main(int argc, char **argv) {
   sigemptyset(&ends);
   sigaddset(&ends, SIGTERM);
   sigaddset(&ends, SIGINT);
+  sigaddset(&ends, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &ends, NULL);
 
-  int result = EXIT_STOPPED, number = 0;
+  int result = EXIT_STOPPED;
   if (start(&daemon, &problem) == LOD_OK) {
     printf("listening on %s\n", lod_http_url(daemon.http));
     fflush(stdout);
-    if (!daemon.service.has_token)
+    if (!daemon.service.tokens)
       lod_log(LOD_LOG_WARN, "no --token-file: anyone who can connect may upload and delete models");
-    while (sigwait(&ends, &number) != 0)
-      ;
-    lod_log(LOD_LOG_INFO, "%s: finishing what was begun, for at most %llu s", strsignal(number),
-            (unsigned long long)daemon.config.drain_seconds);
+    lod_notify("READY=1");
+    run(&daemon, &ends, argc, argv, program);
   } else {
     fprintf(stderr, "lodestreamd: %s\n", problem.detail);
-    daemon.config.drain_seconds = 0;
     result = EXIT_CANNOT_START;
   }
   stop(&daemon);

@@ -27,6 +27,10 @@ static const struct {
     [LOD_METRIC_RESPONSE_HITS] = {"lodestream_response_cache_hits_total", COUNTER, false, "Answers from a prepared response."},
     [LOD_METRIC_RESPONSE_MISSES] = {"lodestream_response_cache_misses_total", COUNTER, false,
                                     "Answers for which a response had to be prepared."},
+    [LOD_METRIC_STORE_BYTES] = {"lodestream_store_objects_bytes", GAUGE, false, "Bytes of all objects in the store."},
+    [LOD_METRIC_CPU_SECONDS] = {"process_cpu_seconds_total", COUNTER, true, "Processor seconds of the daemon, without its workers."},
+    [LOD_METRIC_RESIDENT_BYTES] = {"process_resident_memory_bytes", GAUGE, false, "Memory of the daemon, mapped objects included."},
+    [LOD_METRIC_OPEN_FILES] = {"process_open_fds", GAUGE, false, "Open descriptors of the daemon."},
     [LOD_METRIC_MODELS] = {"lodestream_models", GAUGE, false, "Models in the store."},
     [LOD_METRIC_JOBS_QUEUED] = {"lodestream_jobs_queued", GAUGE, false, "Bakes that wait."},
     [LOD_METRIC_JOBS_RUNNING] = {"lodestream_jobs_running", GAUGE, false, "Bakes in progress."},
@@ -144,7 +148,7 @@ static void write_requests(struct lod_metrics *metrics, FILE *out) {
   }
 }
 
-char *lod_metrics_text(struct lod_metrics *metrics, size_t *size) {
+char *lod_metrics_text(struct lod_metrics *metrics, const struct lod_metric_family *families, uint32_t family_count, size_t *size) {
   char *text = NULL;
   FILE *out = open_memstream(&text, size);
   if (!out)
@@ -167,6 +171,12 @@ char *lod_metrics_text(struct lod_metrics *metrics, size_t *size) {
     fprintf(out, "%s{reason=\"%s\"} %llu\n", name, metrics->cuts[i],
             (unsigned long long)atomic_load_explicit(&metrics->cut_counts[i], memory_order_relaxed));
   write_requests(metrics, out);
+  for (uint32_t i = 0; i < family_count; i++) {
+    const struct lod_metric_family *family = &families[i];
+    fprintf(out, "# HELP %s %s\n# TYPE %s counter\n", family->name, family->help, family->name);
+    for (uint32_t k = 0; k < family->row_count; k++)
+      fprintf(out, "%s{%s=\"%s\"} %.9g\n", family->name, family->label, family->rows[k].value, family->rows[k].count);
+  }
   bool good = !ferror(out);
   if (fclose(out) != 0 || !good) {
     free(text);

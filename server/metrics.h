@@ -24,6 +24,10 @@ enum lod_metric {
   LOD_METRIC_RESPONSES_CACHED,
   LOD_METRIC_RESPONSE_HITS,
   LOD_METRIC_RESPONSE_MISSES,
+  LOD_METRIC_STORE_BYTES,
+  LOD_METRIC_CPU_SECONDS,
+  LOD_METRIC_RESIDENT_BYTES,
+  LOD_METRIC_OPEN_FILES,
   LOD_METRIC_MODELS,
   LOD_METRIC_JOBS_QUEUED,
   LOD_METRIC_JOBS_RUNNING,
@@ -49,7 +53,17 @@ void lod_metrics_request(struct lod_metrics *metrics, uint32_t route, unsigned s
 /* A connection that was cut. */
 void lod_metrics_cut(struct lod_metrics *metrics, uint32_t reason);
 
-/* Prometheus text format 0.0.4, malloc'd; NULL: memory. */
-char *lod_metrics_text(struct lod_metrics *metrics, size_t *size);
+/* A counter with one label, as it is now. */
+struct lod_metric_family {
+  const char *name, *help, *label;
+  const struct lod_metric_row {
+    const char *value; /* of the label: our own, or checked: nothing in it is escaped */
+    double count;
+  } * rows;
+  uint32_t row_count;
+};
+
+/* Prometheus text format 0.0.4 of everything, then of `families`; malloc'd; NULL: memory. */
+char *lod_metrics_text(struct lod_metrics *metrics, const struct lod_metric_family *families, uint32_t family_count, size_t *size);
 
 #endif

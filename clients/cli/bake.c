@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "clients/cli/cli.h"
+#include "clients/cli/leftovers.h"
 #include "core/level/hierarchy.h"
 
 static int run(int argc, char **argv);
@@ -211,14 +212,17 @@ static int bake_file(struct lod_bake_request *request, const char *path, const c
   int exit_status;
   if (request->directory_fd < 0)
     lod_fail(&problem, LOD_IO, "cannot-open", "Cannot open the output directory %s: %s.", output, strerror(errno));
+  json_t *before = cli_named_objects(request->directory_fd);
   if (request->directory_fd < 0 || lod_bake_run(request, &problem) != LOD_OK) {
     cli_bar_end(&bar);
     exit_status = cli_problem(&problem, json);
   } else {
     cli_bar_end(&bar);
+    cli_remove_leftovers(request->directory_fd, before);
     print_summary(request->directory_fd, output, json);
     exit_status = CLI_DONE;
   }
+  json_decref(before);
   if (request->directory_fd >= 0)
     close(request->directory_fd);
   if (parent_fd >= 0)

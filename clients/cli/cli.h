@@ -28,7 +28,8 @@ struct cli_command {
   int (*run)(int argc, char **argv);
 };
 
-extern const struct cli_command cli_bake, cli_inspect, cli_measure, cli_export, cli_decode, cli_get, cli_refine, cli_worker;
+extern const struct cli_command cli_bake, cli_inspect, cli_measure, cli_export, cli_decode, cli_get, cli_refine, cli_check_store,
+    cli_worker;
 
 /* Walks the command line of `command`. */
 struct cli_arguments {

@@ -5,14 +5,14 @@
 
 #include "clients/cli/cli.h"
 
-static const struct cli_command *const kCommands[] = {&cli_bake,   &cli_inspect, &cli_measure, &cli_export,
-                                                      &cli_decode, &cli_get,     &cli_refine,  &cli_worker};
+static const struct cli_command *const kCommands[] = {&cli_bake, &cli_inspect, &cli_measure,     &cli_export, &cli_decode,
+                                                      &cli_get,  &cli_refine,  &cli_check_store, &cli_worker};
 enum { COMMAND_COUNT = sizeof kCommands / sizeof kCommands[0] };
 
 static void print_overview(FILE *out) {
   fprintf(out, "Usage: lodestream COMMAND ...\n\nProgressive levels of detail with certified errors.\n\nCommands:\n");
   for (int i = 0; i < COMMAND_COUNT; i++)
-    fprintf(out, "  %-9s %s\n", kCommands[i]->name, kCommands[i]->sentence);
+    fprintf(out, "  %-11s %s\n", kCommands[i]->name, kCommands[i]->sentence);
   fprintf(out, "\nlodestream COMMAND --help explains each. A first try:\n"
                "  lodestream bake model.glb -o levels && lodestream inspect levels\n");
 }

@@ -440,6 +440,16 @@ void lod_request_end(void *context, struct MHD_Connection *mhd, void **request_c
   if (whole && connection->sent)
     lod_metrics_add(service->metrics, LOD_METRIC_BODY_BYTES_SENT, (int64_t)connection->sent);
   lod_metrics_request(service->metrics, lod_route_index(exchange->route), connection->status, seconds);
+  if (exchange->route && exchange->route->protected && lod_log_enabled(LOD_LOG_INFO)) {
+    char peer[LOD_ADDRESS_TEXT_MAX];
+    struct lod_log_audit audit = {connection->method,
+                                  exchange->target.segments[2],
+                                  exchange->token ? lod_token_name(exchange->token) : "",
+                                  lod_loop_peer(connection, peer),
+                                  connection->request_id,
+                                  connection->status};
+    lod_log_write_audit(&audit);
+  }
   if (lod_log_enabled(note ? LOD_LOG_WARN : LOD_LOG_INFO)) {
     char peer[LOD_ADDRESS_TEXT_MAX];
     struct lod_log_request line = {connection->method,

@@ -12,9 +12,8 @@ struct lod_http;
 /* Binds and starts. service: not owned; outlives the server. inherited: a listening socket to use (taken), -1: bind to the setting. */
 LOD_WARN_UNUSED enum lod_status lod_http_create(struct lod_service *service, int inherited, struct lod_http **http,
                                                 struct lod_problem *problem);
-/* After the service's settings were replaced: reads the certificate again and forgets prepared answers. LOD_BAD_INPUT: the old certificate
- * stays. */
-LOD_WARN_UNUSED enum lod_status lod_http_reload(struct lod_http *http, struct lod_problem *problem);
+/* The service's settings were replaced: forgets prepared answers, whose headers may differ now. */
+void lod_http_settings_changed(struct lod_http *http);
 /* The longest that any loop has not turned; each does at least once a second unless it hangs. */
 double lod_http_idle_seconds(const struct lod_http *http);
 /* "http://127.0.0.1:8080" */

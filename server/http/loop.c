@@ -560,11 +560,9 @@ double lod_http_idle_seconds(const struct lod_http *http) {
   return longest;
 }
 
-enum lod_status lod_http_reload(struct lod_http *http, struct lod_problem *problem) {
-  const struct lod_config *config = http->service->config;
+void lod_http_settings_changed(struct lod_http *http) {
   lod_cache_clear(http->memos); /* headers may differ now */
   lod_cache_clear(http->responses);
-  return http->tls ? lod_tls_load(config->tls_cert, config->tls_key, problem) : LOD_OK;
 }
 
 void lod_http_job_changed(struct lod_http *http) {

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "server/http/routes.h"
@@ -177,6 +178,23 @@ static void refuse_parameter(struct lod_exchange *exchange, const char *name, co
     lod_reply_failure(&exchange->reply, &problem);
 }
 
+static double monotonic_seconds(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (double)now.tv_sec;
+}
+
+/* False, and 429, when the token's share of the day does not hold so many bytes more. */
+static bool take_share(struct lod_exchange *exchange, uint64_t bytes) {
+  unsigned retry;
+  if (!exchange->token || lod_token_take_bytes(exchange->token, bytes, monotonic_seconds(), &retry))
+    return true;
+  lod_reply_problem(&exchange->reply, 429, "upload-quota", "This token's uploads of the last 24 hours are as many bytes as it may send.",
+                    "");
+  lod_reply_header(&exchange->reply, "Retry-After", "%u", retry);
+  return false;
+}
+
 void lod_begin_upload(struct lod_exchange *exchange) {
   struct lod_reply *reply = &exchange->reply;
   const struct lod_config *config = exchange->service->config;
@@ -201,6 +219,8 @@ void lod_begin_upload(struct lod_exchange *exchange) {
     lod_reply_header(reply, "Retry-After", "10");
     return;
   }
+  if (exchange->length_known && !take_share(exchange, exchange->length))
+    return;
   struct lod_query_problem problem = {0};
   struct upload *upload = calloc(1, sizeof *upload);
   enum lod_status status = upload ? LOD_OK : lod_fail_memory(&problem.problem);
@@ -226,6 +246,8 @@ void lod_body_upload(struct lod_exchange *exchange, const char *bytes, size_t si
     refuse_size(exchange);
     return;
   }
+  if (!exchange->length_known && !take_share(exchange, size))
+    return;
   while (size) {
     ssize_t written = write(upload->fd, bytes, size);
     if (written < 0 && errno == EINTR)

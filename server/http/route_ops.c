@@ -1,6 +1,9 @@
 /* What operators ask: alive, ready, counted, described. */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "server/http/routes.h"
@@ -37,16 +40,54 @@ void lod_answer_readyz(struct lod_exchange *exchange) {
     exchange->work = check_ready;
 }
 
+/* Seconds on a processor, bytes in memory and open descriptors of this process; 0 where /proc does not say. */
+static void measure_process(double *cpu, double *resident, double *files) {
+  struct timespec time;
+  long pages = 0;
+  *cpu = clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time) == 0 ? (double)time.tv_sec + 1e-9 * (double)time.tv_nsec : 0;
+  FILE *file = fopen("/proc/self/statm", "re");
+  if (!file || fscanf(file, "%*d %ld", &pages) != 1)
+    pages = 0;
+  if (file)
+    fclose(file);
+  *resident = (double)pages * (double)sysconf(_SC_PAGESIZE);
+  struct stat facts; /* since Linux 6.2 its size is the count */
+  *files = stat("/proc/self/fd", &facts) == 0 ? (double)facts.st_size : 0;
+}
+
+static char *metrics_text(struct lod_metrics *metrics, const struct lod_jobs_counts *jobs, size_t *size) {
+  const struct lod_metric_row ends[] = {{"done", (double)jobs->workers_done},
+                                        {"failed", (double)jobs->workers_failed},
+                                        {"crashed", (double)jobs->workers_crashed},
+                                        {"killed", (double)jobs->workers_killed},
+                                        {"stopped", (double)jobs->workers_stopped}};
+  struct lod_metric_row stages[LOD_STAGES_MAX];
+  for (uint32_t i = 0; i < jobs->stages.count; i++)
+    stages[i] = (struct lod_metric_row){jobs->stages.list[i].name, jobs->stages.list[i].seconds};
+  const struct lod_metric_family families[] = {
+      {"lodestream_worker_ends_total", "Workers that ended, by cause.", "cause", ends, sizeof ends / sizeof *ends},
+      {"lodestream_bake_stage_seconds_total", "Seconds that bakes were in each stage; a family's stage has its name.", "stage", stages,
+       jobs->stages.count},
+  };
+  return lod_metrics_text(metrics, families, sizeof families / sizeof *families, size);
+}
+
 void lod_answer_metrics(struct lod_exchange *exchange) {
   struct lod_service *service = exchange->service;
   struct lod_metrics *metrics = service->metrics;
   struct lod_jobs_counts jobs = lod_jobs_counts(service->jobs);
   struct lod_cache_counts objects = lod_cache_counts(service->objects);
   struct lod_cache_counts responses = lod_cache_counts(service->responses), memos = lod_cache_counts(service->memos);
+  double cpu, resident, files;
+  measure_process(&cpu, &resident, &files);
   const struct {
     enum lod_metric metric;
     double value;
   } now[] = {
+      {LOD_METRIC_STORE_BYTES, (double)lod_store_bytes(service->store)},
+      {LOD_METRIC_CPU_SECONDS, cpu},
+      {LOD_METRIC_RESIDENT_BYTES, resident},
+      {LOD_METRIC_OPEN_FILES, files},
       {LOD_METRIC_MODELS, (double)lod_store_model_count(service->store)},
       {LOD_METRIC_JOBS_QUEUED, (double)jobs.queued},
       {LOD_METRIC_JOBS_RUNNING, (double)jobs.running},
@@ -67,7 +108,7 @@ void lod_answer_metrics(struct lod_exchange *exchange) {
   for (size_t i = 0; i < sizeof now / sizeof *now; i++)
     lod_metrics_set(metrics, now[i].metric, now[i].value);
   size_t size = 0;
-  char *text = lod_metrics_text(metrics, &size);
+  char *text = metrics_text(metrics, &jobs, &size);
   struct lod_reply *reply = &exchange->reply;
   reply->body = lod_body_take(text, size);
   if (!reply->body) {

@@ -1,14 +1,14 @@
 #include "server/http/routes.h"
 
 #include <fcntl.h>
-#include <nettle/memops.h>
-#include <nettle/sha2.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/mman.h>
 #include <unistd.h>
+
+#include "server/log.h"
 
 static const char *const kNone[] = {NULL};
 static const char *const kPage[] = {"limit", "after", NULL};
@@ -112,29 +112,27 @@ static void answer_options(struct lod_exchange *exchange, uint32_t methods) {
   lod_reply_header(reply, "Access-Control-Max-Age", "86400");
 }
 
-/* Compares digests, so that neither content nor length of the token shows in the time that it takes. */
-static bool token_good(const struct lod_exchange *exchange) {
-  const char *value = exchange->header(exchange->header_context, "Authorization");
-  if (!value || strncasecmp(value, "Bearer ", 7) != 0)
+/* True when the request may go on; else 401 or 403 is said. */
+static bool check_token(struct lod_exchange *exchange) {
+  const struct lod_tokens *tokens = exchange->service->tokens;
+  if (!tokens || !exchange->route->protected)
+    return true;
+  const char *sent = exchange->header(exchange->header_context, "Authorization");
+  exchange->token = lod_tokens_find(tokens, sent);
+  if (!exchange->token) {
+    lod_reply_problem(
+        &exchange->reply, 401, "unauthorized",
+        sent ? "The bearer token is none of those that this server knows." : "This request needs `Authorization: Bearer TOKEN`.", "");
+    lod_reply_header(&exchange->reply, "WWW-Authenticate",
+                     sent ? "Bearer realm=\"lodestream\", error=\"invalid_token\"" : "Bearer realm=\"lodestream\"");
     return false;
-  value += 7;
-  value += strspn(value, " ");
-  struct sha256_ctx hash;
-  uint8_t digest[SHA256_DIGEST_SIZE];
-  sha256_init(&hash);
-  sha256_update(&hash, strlen(value), (const uint8_t *)value);
-  sha256_digest(&hash, sizeof digest, digest);
-  return memeql_sec(digest, exchange->service->token_digest, sizeof digest) != 0;
-}
-
-static void refuse_token(struct lod_exchange *exchange) {
-  bool sent = exchange->header(exchange->header_context, "Authorization") != NULL;
-  lod_reply_problem(&exchange->reply, 401, "unauthorized",
-                    sent ? "The bearer token is not the one that this server was started with."
-                         : "This request needs `Authorization: Bearer TOKEN`.",
-                    "");
-  lod_reply_header(&exchange->reply, "WWW-Authenticate",
-                   sent ? "Bearer realm=\"lodestream\", error=\"invalid_token\"" : "Bearer realm=\"lodestream\"");
+  }
+  enum lod_right right = exchange->method == LOD_DELETE ? LOD_RIGHT_DELETE : LOD_RIGHT_WRITE;
+  if (lod_token_may(exchange->token, right, exchange->target.segments[2]))
+    return true;
+  lod_reply_problem(&exchange->reply, 403, "forbidden", "The bearer token does not allow this for this model.", "");
+  lod_reply_header(&exchange->reply, "WWW-Authenticate", "Bearer realm=\"lodestream\", error=\"insufficient_scope\"");
+  return false;
 }
 
 void lod_routes_begin(struct lod_exchange *exchange) {
@@ -167,9 +165,9 @@ void lod_routes_begin(struct lod_exchange *exchange) {
     return;
   }
   struct lod_query_problem problem = {0};
-  if (exchange->route->protected && exchange->service->has_token && !token_good(exchange))
-    refuse_token(exchange);
-  else if (exchange->route->parameters && lod_target_check_names(target, exchange->route->parameters, &problem) != LOD_OK)
+  if (!check_token(exchange))
+    return;
+  if (exchange->route->parameters && lod_target_check_names(target, exchange->route->parameters, &problem) != LOD_OK)
     lod_reply_failure(&exchange->reply, &problem);
   else if (exchange->route->begin)
     exchange->route->begin(exchange);
@@ -239,19 +237,35 @@ static void release_body(void *body) {
   lod_body_release(body);
 }
 
-static enum lod_status read_token(struct lod_service *service, const char *path, struct lod_problem *problem) {
-  char line[1024];
-  FILE *file = fopen(path, "re");
-  size_t size = file && fgets(line, sizeof line, file) ? strcspn(line, "\r\n") : 0;
-  if (file)
-    fclose(file);
-  if (!size)
-    return lod_fail(problem, LOD_BAD_INPUT, "bad-setting", "--token-file: '%s' cannot be read or its first line is empty.", path);
-  struct sha256_ctx hash;
-  sha256_init(&hash);
-  sha256_update(&hash, size, (const uint8_t *)line);
-  sha256_digest(&hash, sizeof service->token_digest, service->token_digest);
-  service->has_token = true;
+struct kept_tokens {
+  struct lod_tokens *tokens;
+  struct kept_tokens *older;
+};
+
+static enum lod_status read_tokens(struct lod_service *service, const char *path, struct lod_problem *problem) {
+  struct lod_tokens *tokens = NULL;
+  bool plain = false;
+  if (*path)
+    LOD_TRY(lod_tokens_read(path, service->tokens, &tokens, &plain, problem));
+  struct kept_tokens *kept = tokens ? malloc(sizeof *kept) : NULL;
+  if (tokens && !kept) {
+    lod_tokens_destroy(tokens);
+    return lod_fail_memory(problem);
+  }
+  if (plain)
+    lod_log(LOD_LOG_WARN,
+            "--token-file holds a token in plain text; lodestreamd --make-token NAME makes one of which only the digest is kept");
+  if (kept) {
+    *kept = (struct kept_tokens){tokens, service->kept};
+    service->kept = kept;
+  }
+  service->tokens = tokens;
+  return LOD_OK;
+}
+
+enum lod_status lod_service_set_config(struct lod_service *service, const struct lod_config *config, struct lod_problem *problem) {
+  LOD_TRY(read_tokens(service, config->token_file, problem));
+  service->config = config;
   return LOD_OK;
 }
 
@@ -273,7 +287,7 @@ enum lod_status lod_service_init(struct lod_service *service, struct lod_store *
     if (service->viewer_fd < 0)
       return lod_fail(problem, LOD_BAD_INPUT, "bad-setting", "--viewer: '%s' is not a folder that can be read.", config->viewer);
   }
-  return *config->token_file ? read_token(service, config->token_file, problem) : LOD_OK;
+  return read_tokens(service, config->token_file, problem);
 }
 
 void lod_service_finish(struct lod_service *service) {
@@ -284,6 +298,13 @@ void lod_service_finish(struct lod_service *service) {
   if (service->viewer_fd >= 0)
     close(service->viewer_fd);
   service->objects = service->compressed = service->refined = NULL;
+  service->tokens = NULL;
+  while (service->kept) {
+    struct kept_tokens *older = service->kept->older;
+    lod_tokens_destroy(service->kept->tokens);
+    free(service->kept);
+    service->kept = older;
+  }
   service->openapi = NULL;
   service->viewer_fd = -1;
 }

@@ -11,6 +11,7 @@
 #include "server/config.h"
 #include "server/http/cache.h"
 #include "server/http/response.h"
+#include "server/http/token.h"
 #include "server/jobs/jobs.h"
 #include "server/metrics.h"
 #include "server/store/store.h"
@@ -29,9 +30,9 @@ struct lod_service {
   struct lod_cache *compressed;              /* ETag -> struct lod_body, gzip of what that ETag names */
   struct lod_cache *refined;                 /* ETag -> an answer of route_refine.c */
   struct lod_pool *pool;                     /* warm workers; not owned; NULL: this server refines nothing */
-  bool has_token;
-  uint8_t token_digest[32]; /* SHA-256 of the bearer token */
-  int viewer_fd;            /* folder of the viewer's files; -1 = none */
+  _Atomic(const struct lod_tokens *) tokens; /* NULL: anyone may write */
+  struct kept_tokens *kept;                  /* all that were ever read */
+  int viewer_fd;                             /* folder of the viewer's files; -1 = none */
   struct lod_body *openapi;
   atomic_bool draining;
   _Atomic uint64_t job_changes; /* counts up whenever any job changes */
@@ -39,6 +40,10 @@ struct lod_service {
 /* Opens the viewer's folder, reads the token, makes the caches. LOD_BAD_INPUT: the token file is missing or empty. */
 LOD_WARN_UNUSED enum lod_status lod_service_init(struct lod_service *service, struct lod_store *store, struct lod_jobs *jobs,
                                                  struct lod_metrics *metrics, const struct lod_config *config, struct lod_problem *problem);
+/* Takes other settings and reads the tokens again; both old ones must live on until the service ends: requests may still look at them.
+ * LOD_BAD_INPUT: nothing changes. */
+LOD_WARN_UNUSED enum lod_status lod_service_set_config(struct lod_service *service, const struct lod_config *config,
+                                                       struct lod_problem *problem);
 void lod_service_finish(struct lod_service *service);
 /* Lets go of what is cached of models that were replaced or deleted, so that the store can remove their objects; any thread. */
 void lod_service_trim(struct lod_service *service);
@@ -57,8 +62,9 @@ struct lod_exchange {
   void *header_context;
   bool length_known; /* Content-Length was sent */
   uint64_t length;
-  const char *request_id; /* the client's own, or one of ours */
-  void *state;            /* a handler's own; state_finish is called with it at the end, however that comes */
+  const struct lod_token *token; /* that the request came with; NULL: none of ours, or none is asked for */
+  const char *request_id;        /* the client's own, or one of ours */
+  void *state;                   /* a handler's own; state_finish is called with it at the end, however that comes */
   void (*state_finish)(void *state);
   void (*work)(struct lod_exchange *exchange);
   /* Instead of work, for what is answered by somebody else. start runs on a background thread; true: `finished` will be called, from any

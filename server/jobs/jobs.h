@@ -6,6 +6,7 @@
 #ifndef LOD_SERVER_JOBS_JOBS_H
 #define LOD_SERVER_JOBS_JOBS_H
 
+#include "server/jobs/stages.h"
 #include "server/store/store.h"
 
 struct lod_jobs;
@@ -62,10 +63,12 @@ void lod_jobs_cancel_model(struct lod_jobs *jobs, const char *id);
 bool lod_jobs_find(struct lod_jobs *jobs, uint64_t number, struct lod_job *job);
 
 struct lod_jobs_counts {
-  uint64_t queued, running, done, failed;            /* now, now, since start, since start */
-  uint64_t queued_later;                             /* of `queued`: those that add later families */
-  uint64_t workers_crashed, workers_killed, retried; /* since start: by signal, by deadline or limit, after a restart */
-  double bake_seconds;                               /* since start, of finished jobs */
+  uint64_t queued, running, done, failed;                 /* now, now, since start, since start */
+  uint64_t queued_later;                                  /* of `queued`: those that add later families */
+  uint64_t workers_crashed, workers_killed, retried;      /* since start: by signal, by deadline or limit, after a restart */
+  uint64_t workers_done, workers_failed, workers_stopped; /* since start: said so, said why not, by us (a delete, a stop) */
+  double bake_seconds;                                    /* since start, of finished jobs */
+  struct lod_stages stages;
 };
 struct lod_jobs_counts lod_jobs_counts(struct lod_jobs *jobs);
 

@@ -26,8 +26,8 @@ struct job {
   struct lod_job facts;
   char *name, *format; /* format may be NULL */
   uint32_t attempts;
-  double started; /* monotonic */
-  bool later;     /* adds the later families to a model that is served */
+  double started, stage_began; /* monotonic */
+  bool later;                  /* adds the later families to a model that is served */
   enum { NOT_CANCELLED, DELETED, SUPERSEDED } cancelled;
   bool committing;       /* past the point where a cancel can stop it */
   struct runner *runner; /* while running */
@@ -381,12 +381,21 @@ static char *job_payload(const struct lod_jobs *jobs, const struct job *job) {
   return text;
 }
 
+/* The mutex is held. */
+static void enter_stage(struct lod_jobs *jobs, struct job *job, const char *stage) {
+  double time = monotonic_seconds();
+  lod_stages_add(&jobs->counts.stages, job->facts.stage, time - job->stage_began);
+  job->stage_began = time;
+  snprintf(job->facts.stage, sizeof job->facts.stage, "%s", stage);
+}
+
 static void take_progress(void *context, const char *stage, double fraction) {
   const struct runner *runner = context;
   struct lod_jobs *jobs = runner->jobs;
   pthread_mutex_lock(&jobs->mutex);
   struct job *job = runner->job;
-  snprintf(job->facts.stage, sizeof job->facts.stage, "%s", stage);
+  if (strcmp(job->facts.stage, stage) != 0)
+    enter_stage(jobs, job, stage);
   job->facts.progress = fraction;
   uint64_t number = job->facts.number;
   pthread_mutex_unlock(&jobs->mutex);
@@ -429,7 +438,7 @@ static bool begin_commit(struct lod_jobs *jobs, struct job *job) {
   pthread_mutex_lock(&jobs->mutex);
   job->committing = job->cancelled == NOT_CANCELLED;
   if (job->committing)
-    snprintf(job->facts.stage, sizeof job->facts.stage, "store");
+    enter_stage(jobs, job, "store");
   pthread_mutex_unlock(&jobs->mutex);
   tell(jobs, job->facts.number);
   return job->committing;
@@ -469,6 +478,9 @@ static void count_end(struct lod_jobs *jobs, const struct job *job, const struct
   jobs->counts.failed += job->facts.state == LOD_JOB_FAILED;
   jobs->counts.workers_crashed += result->end == LOD_WATCH_CRASHED;
   jobs->counts.workers_killed += result->end == LOD_WATCH_KILLED;
+  jobs->counts.workers_done += result->end == LOD_WATCH_DONE;
+  jobs->counts.workers_failed += result->end == LOD_WATCH_FAILED;
+  jobs->counts.workers_stopped += result->end == LOD_WATCH_STOPPED;
   if (has_ended(job))
     jobs->counts.bake_seconds += monotonic_seconds() - job->started;
 }
@@ -530,6 +542,7 @@ static void finish_job(struct runner *runner, struct job *job, struct lod_watch_
     lod_remove_tree(jobs->work_fd, name_of(number).text);
   log_end(jobs, &after.facts, result);
   pthread_mutex_lock(&jobs->mutex);
+  lod_stages_add(&jobs->counts.stages, job->facts.stage, monotonic_seconds() - job->stage_began);
   job->facts = after.facts;
   job->attempts = after.attempts;
   job->runner = NULL;
@@ -572,7 +585,7 @@ static void start_job(struct runner *runner, struct job *job) {
     ignored = 0;
   runner->job = job;
   job->runner = runner;
-  job->started = monotonic_seconds();
+  job->started = job->stage_began = monotonic_seconds();
   job->attempts++;
   job->facts.state = LOD_JOB_RUNNING;
   job->facts.progress = 0;

@@ -196,6 +196,23 @@ enum lod_status lod_catalog_check(struct lod_catalog *catalog, struct lod_proble
   return status;
 }
 
+enum lod_status lod_catalog_check_whole(struct lod_catalog *catalog, struct lod_problem *problem) {
+  pthread_mutex_lock(&catalog->mutex);
+  sqlite3_stmt *statement = NULL;
+  int code = sqlite3_prepare_v2(catalog->database, "PRAGMA integrity_check(1)", -1, &statement, NULL);
+  if (code == SQLITE_OK)
+    code = sqlite3_step(statement);
+  enum lod_status status = LOD_OK;
+  if (code != SQLITE_ROW)
+    status = fail(catalog, code, problem);
+  else if (strcmp(text_at(statement, 0), "ok") != 0)
+    status = lod_fail(problem, LOD_IO, "store-corrupt", "The catalogue is damaged: %.200s. Restore catalog.sqlite from a backup.",
+                      text_at(statement, 0));
+  sqlite3_finalize(statement);
+  pthread_mutex_unlock(&catalog->mutex);
+  return status;
+}
+
 /* ---- models and objects ---- */
 
 static enum lod_status object_row(sqlite3_stmt *statement, void *each, void *context) {

@@ -15,6 +15,9 @@ void lod_catalog_close(struct lod_catalog *catalog);
 /* LOD_OK while the database answers. */
 LOD_WARN_UNUSED enum lod_status lod_catalog_check(struct lod_catalog *catalog, struct lod_problem *problem);
 
+/* The same, reading all of it: LOD_IO "store-corrupt" when its structure is damaged. */
+LOD_WARN_UNUSED enum lod_status lod_catalog_check_whole(struct lod_catalog *catalog, struct lod_problem *problem);
+
 /* ---- models and objects ---- */
 
 struct lod_catalog_object {

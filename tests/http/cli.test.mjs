@@ -10,7 +10,7 @@ import { asGlb, asPly, checkerPng, glbJson, sheet, wavySphere } from './models.m
 import { sha256 } from './worker.mjs';
 
 const tool = path.join(build, 'lodestream');
-const commands = ['bake', 'inspect', 'measure', 'export', 'decode', 'get', 'worker'];
+const commands = ['bake', 'inspect', 'measure', 'export', 'decode', 'get', 'check-store', 'worker'];
 const DONE = 0, BAD_INPUT = 1, USAGE = 2, LIMIT = 3;
 let folder, model, textured, baked;
 const at = (...names) => path.join(folder, ...names);
@@ -327,4 +327,18 @@ test('bake that is killed leaves no manifest, and the next one into the same fol
   assert.equal((await lodestream('inspect', 'killed')).status, BAD_INPUT);
   await facts('bake', model, '-o', 'killed');
   for (const level of manifestOf('killed').families.cluster.levels) assert.equal(sha256(fs.readFileSync(levelPath('killed', level))), level.object);
+});
+
+test('second bake into a directory leaves nothing of the first, and nothing of anybody else is touched', async () => {
+  const at = path.join(directory, 'twice');
+  for (const triangles of ['', 'sphere']) {
+    const { status, stderr } = await lodestream('bake', model, '-o', 'twice', ...(triangles ? ['--epsilon', '2%'] : []));
+    assert.equal(status, 0, stderr);
+    if (!triangles) fs.writeFileSync(path.join(at, 'objects', 'f'.repeat(64)), 'somebody else');
+  }
+  const text = fs.readFileSync(path.join(at, 'manifest.json'), 'utf8');
+  const named = new Set([...text.matchAll(/"object":\s*"([0-9a-f]{64})"/g)].map((match) => match[1]));
+  const there = fs.readdirSync(path.join(at, 'objects')).filter((name) => name !== 'f'.repeat(64));
+  assert.deepEqual(there.sort(), [...named].sort());
+  assert.ok(fs.existsSync(path.join(at, 'objects', 'f'.repeat(64))));
 });

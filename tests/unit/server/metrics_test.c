@@ -21,7 +21,7 @@ static void every_metric_has_help_and_type(void **state) {
   lod_metrics_request(metrics, 1, 418, 100);
   lod_metrics_cut(metrics, 1);
   size_t size;
-  char *text = lod_metrics_text(metrics, &size), family[128] = "", help[128] = "";
+  char *text = lod_metrics_text(metrics, NULL, 0, &size), family[128] = "", help[128] = "";
   assert_int_equal(strlen(text), size);
   unsigned samples = 0;
   for (char *line = strtok(text, "\n"); line; line = strtok(NULL, "\n")) {
@@ -52,7 +52,7 @@ static void counts_appear_under_their_labels(void **state) {
   lod_metrics_set(metrics, LOD_METRIC_BAKE_SECONDS, 1.5);
   lod_metrics_cut(metrics, 1);
   size_t size;
-  char *text = lod_metrics_text(metrics, &size);
+  char *text = lod_metrics_text(metrics, NULL, 0, &size);
   static const char *const kLines[] = {
       "lodestream_http_requests_total{route=\"/a\",status=\"200\"} 3\n",
       "lodestream_http_requests_total{route=\"/a\",status=\"other\"} 1\n",

@@ -11,8 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
-
-#include <nettle/sha2.h>
+#include <unistd.h>
 
 /* ---- the table and the document ---- */
 
@@ -227,11 +226,17 @@ static void unknown_parameter_is_refused_by_name(void **state) {
 
 static void changes_need_the_token_and_reading_does_not(void **state) {
   (void)state;
-  struct sha256_ctx hash;
-  sha256_init(&hash);
-  sha256_update(&hash, 6, (const uint8_t *)"secret");
-  sha256_digest(&hash, 32, service.token_digest);
-  service.has_token = true;
+  char path[] = "/tmp/lodestream-token-XXXXXX";
+  int fd = mkstemp(path);
+  assert_true(fd >= 0);
+  assert_int_equal(write(fd, "secret\n", 7), 7);
+  close(fd);
+  struct lod_tokens *tokens;
+  bool plain;
+  assert_int_equal(lod_tokens_read(path, NULL, &tokens, &plain, NULL), LOD_OK);
+  assert_true(plain);
+  unlink(path);
+  service.tokens = tokens;
   static const char *const kWrong[] = {NULL, "", "Basic secret", "Bearer", "Bearer ", "Bearer secre", "Bearer secret2", "secret"};
   for (size_t i = 0; i < sizeof kWrong / sizeof *kWrong; i++) {
     authorization = kWrong[i];
@@ -245,7 +250,8 @@ static void changes_need_the_token_and_reading_does_not(void **state) {
   begin(LOD_DELETE, "/v1/models/a");
   assert_int_equal(exchange.reply.status, 0);
   authorization = NULL;
-  service.has_token = false;
+  service.tokens = NULL;
+  lod_tokens_destroy(tokens);
 }
 
 /* ---- headers ---- */

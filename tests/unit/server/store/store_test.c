@@ -660,8 +660,10 @@ static unsigned check_after_kill(struct fixture *fixture, unsigned acknowledged)
 static void a_kill_at_any_moment_loses_nothing_acknowledged(void **state) {
   struct fixture *fixture = *state;
   unsigned acknowledged = 0, moved = 0;
+  const char *kills = getenv("LODESTREAM_TEST_KILLS"); /* the long form: 200 */
+  const int rounds = kills ? atoi(kills) : 30;
   srand(20240607);
-  for (int round = 0; round < 30; round++) {
+  for (int round = 0; round < rounds; round++) {
     lod_store_close(fixture->store);
     fixture->store = NULL;
     int pipe_fds[2];
@@ -693,6 +695,7 @@ static void a_kill_at_any_moment_loses_nothing_acknowledged(void **state) {
     acknowledged = newest > acknowledged ? newest : acknowledged;
     assert_true(count_objects(fixture) <= 5); /* no orphan is left after reopening */
   }
+  print_message("  %d kills, %u commits acknowledged, the last of each model found after every kill\n", rounds, moved);
   assert_true(moved >= 20); /* the kills did hit commits, not only the start */
 }
 
