@@ -136,7 +136,8 @@ static pid_t start_daemon(const char *directory, const char *store, bool tls, ui
     dup2(ends[1], STDOUT_FILENO);
     close(ends[0]);
     execl("build/release/lodestreamd", "lodestreamd", "--store", path, "--listen", "127.0.0.1:0", "--log-level", "error", "--connections",
-          "20000", "--address-connections", "0", tls ? "--tls-cert" : (char *)NULL, certificate, "--tls-key", key, (char *)NULL);
+          "20000", "--address-connections", "0", "--idle-seconds", "300", tls ? "--tls-cert" : (char *)NULL, certificate, "--tls-key", key,
+          (char *)NULL);
     _exit(127);
   }
   close(ends[1]);
