@@ -8,13 +8,21 @@
 #include "codec/export/interop.h"
 #include "codec/stream/delta.h"
 
-/* Numbers are written with 9 digits, so an upper bound is first raised above what that rounding may take away. */
+/* Half a unit of the ninth digit is up to 5e-9 of a number that begins with 1. */
+double lod_manifest_raise(double upper) {
+  return upper * (1 + 5.01e-9);
+}
+
+double lod_manifest_lower(double lower) {
+  return lower * (1 - 5.01e-9);
+}
+
 static json_t *upper_bound(double value) {
-  return json_real(value * (1 + 2e-9));
+  return json_real(lod_manifest_raise(value));
 }
 
 static json_t *lower_bound(double value) {
-  return json_real(value * (1 - 2e-9));
+  return json_real(lod_manifest_lower(value));
 }
 
 static json_t *numbers(const double *values, size_t count) {

@@ -31,6 +31,10 @@ struct lod_manifest_facts {
   uint64_t peak_bytes;
 };
 
+/* Numbers are written with 9 digits, of which the last may be rounded down or up: a bound is first moved out of reach of that. */
+double lod_manifest_raise(double upper);
+double lod_manifest_lower(double lower);
+
 /* JSON text, malloc'd: the caller frees. Writes the documents over the levels (codec/export/interop.h) as objects of the bake, of which all
  * levels must be written already. */
 LOD_WARN_UNUSED enum lod_status lod_manifest_text(const struct lod_manifest_facts *facts, char **text_out, struct lod_problem *problem);
