@@ -182,8 +182,12 @@ static void bench_selection(struct options *options) {
     const char *model, *percents;
   } kQuick[] = {{"scans/bunny", "0.25,1,4"}, {"scans/fandisk", "0.1,1"}, {"cad/rotor-cgal", "0.5,2"}};
   static const double kTexturedPercents[] = {1, 4};
-  static const char *const kTexturedAims[] = {"aim: 2 731 triangles, 20 kB, 4 texels, 10 degrees",
-                                              "aim: 1 769 triangles, 16 kB, 4 texels, 10 degrees"};
+  static const struct {
+    const char *model, *aims[2];
+  } kTextured[] = {
+      {"DamagedHelmet.glb", {"aim: 2731 triangles, 20 kB, 4 texels, 10 degrees", "aim: 1769 triangles, 16 kB, 4 texels, 10 degrees"}},
+      {"FlightHelmet/FlightHelmet.gltf", {"aim: 5418 triangles, 4 texels, 10 degrees", "aim: 4182 triangles, 4 texels, 10 degrees"}},
+  };
   const char *shared = lod_shared_folder();
   char path[1024];
   bool any = false;
@@ -193,8 +197,10 @@ static void bench_selection(struct options *options) {
     snprintf(path, sizeof path, "%s/models/%s.ply", shared, kQuick[i].model);
     any = bench_file(path, options) || any;
   }
-  snprintf(path, sizeof path, "%s/models/gltf/DamagedHelmet.glb", shared == NULL ? "." : shared);
-  any = bench_textured(path, kTexturedPercents, kTexturedAims, 2) || any;
+  for (size_t i = 0; i < sizeof kTextured / sizeof kTextured[0]; i++) {
+    snprintf(path, sizeof path, "%s/models/gltf/%s", shared == NULL ? "." : shared, kTextured[i].model);
+    any = bench_textured(path, kTexturedPercents, kTextured[i].aims, 2) || any;
+  }
   snprintf(path, sizeof path, "%s/models/cad/motorbike-parts.glb", shared == NULL ? "." : shared);
   any = bench_parts(path) || any;
   if (!any) {

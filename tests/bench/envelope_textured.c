@@ -1,4 +1,5 @@
-/* Textured models in bench-envelope: seams and normals kept, attributes measured, beside meshopt_simplify over split vertices. */
+/* Textured models in bench-envelope: seams and normals kept, attributes measured, beside meshopt_simplify over split vertices,
+ * primitive by primitive. */
 #include <fcntl.h>
 #include <float.h>
 #include <math.h>
@@ -89,28 +90,53 @@ static enum lod_status take_level(void *context, const struct lod_level *level) 
   return LOD_OK;
 }
 
-/* meshopt_simplify over wedges, so that seams and creases are borders; wedges become vertices. */
+/* meshopt_simplify of the triangles of one part and material, over wedges, so that seams and creases are borders. Appends to `out`. */
+static void simplify_group(const struct textured *t, const struct lod_mesh *mesh, uint32_t part, uint32_t material,
+                           const float (*positions)[3], uint32_t points, double share, struct lod_mesh *out) {
+  const uint32_t(*from)[3] = (const uint32_t(*)[3])(mesh->wedge_count != 0 ? mesh->corners : mesh->triangles);
+  uint32_t(*corners)[3] = lod_arena_alloc(t->arena, mesh->triangle_count, sizeof *corners), count = 0;
+  uint32_t(*result)[3] = lod_arena_alloc(t->arena, mesh->triangle_count, sizeof *result);
+  if (corners == NULL || result == NULL)
+    abort();
+  for (uint32_t i = 0; i < mesh->triangle_count; i++)
+    if ((mesh->parts == NULL || mesh->parts[i] == part) && (mesh->materials == NULL || mesh->materials[i] == material))
+      memcpy(corners[count++], from[i], sizeof *corners);
+  if (count == 0)
+    return;
+  size_t kept = meshopt_simplify(&result[0][0], &corners[0][0], 3 * (size_t)count, &positions[0][0], points, 12,
+                                 3 * (size_t)(share * count), FLT_MAX, 0, NULL) /
+                3;
+  for (size_t i = 0; i < kept; i++, out->triangle_count++) {
+    for (int k = 0; k < 3; k++) {
+      out->triangles[out->triangle_count][k] = mesh->wedge_count != 0 ? mesh->wedge_vertex[result[i][k]] : result[i][k];
+      if (mesh->wedge_count != 0)
+        out->corners[out->triangle_count][k] = result[i][k];
+    }
+    if (mesh->parts != NULL)
+      out->parts[out->triangle_count] = part;
+    if (mesh->materials != NULL)
+      out->materials[out->triangle_count] = material;
+  }
+}
+
 static void simplify_meshopt(const struct textured *t, double share, struct lod_mesh *out) {
   for (uint32_t u = 0; u < t->model.unit_count; u++) {
     const struct lod_mesh *mesh = &t->model.units[u].mesh;
     uint32_t points = mesh->wedge_count != 0 ? mesh->wedge_count : mesh->vertex_count;
-    const uint32_t(*from)[3] = (const uint32_t(*)[3])(mesh->wedge_count != 0 ? mesh->corners : mesh->triangles);
     float(*positions)[3] = lod_arena_alloc(t->arena, points, sizeof *positions);
-    uint32_t(*corners)[3] = lod_arena_alloc(t->arena, mesh->triangle_count, sizeof *corners);
     out[u] = *mesh;
+    out[u].triangle_count = 0;
     out[u].triangles = lod_arena_alloc(t->arena, mesh->triangle_count, sizeof *out[u].triangles);
-    if (positions == NULL || corners == NULL || out[u].triangles == NULL)
+    out[u].corners = mesh->wedge_count == 0 ? NULL : lod_arena_alloc(t->arena, mesh->triangle_count, sizeof *out[u].corners);
+    out[u].materials = mesh->materials == NULL ? NULL : LOD_NEW(t->arena, mesh->triangle_count, uint32_t);
+    out[u].parts = mesh->parts == NULL ? NULL : LOD_NEW(t->arena, mesh->triangle_count, uint32_t);
+    if (positions == NULL || out[u].triangles == NULL)
       abort();
     for (uint32_t w = 0; w < points; w++)
       memcpy(positions[w], mesh->positions[mesh->wedge_count != 0 ? mesh->wedge_vertex[w] : w], sizeof *positions);
-    out[u].triangle_count = (uint32_t)(meshopt_simplify(&corners[0][0], &from[0][0], 3 * (size_t)mesh->triangle_count, &positions[0][0],
-                                                        points, 12, 3 * (size_t)(share * mesh->triangle_count), FLT_MAX, 0, NULL) /
-                                       3);
-    for (uint32_t i = 0; i < 3 * out[u].triangle_count; i++)
-      out[u].triangles[i / 3][i % 3] = mesh->wedge_count != 0 ? mesh->wedge_vertex[corners[i / 3][i % 3]] : corners[i / 3][i % 3];
-    out[u].corners = mesh->wedge_count != 0 ? corners : NULL;
-    out[u].materials = NULL; /* order is lost: bytes are those of one material */
-    out[u].parts = NULL;
+    for (uint32_t part = 0; part < (mesh->parts == NULL ? 1 : t->model.part_count); part++)
+      for (uint32_t m = 0; m <= (mesh->materials == NULL ? 0 : t->model.material_count); m++) /* the last: none */
+        simplify_group(t, mesh, part, m == t->model.material_count ? LOD_NONE : m, (const float(*)[3])positions, points, share, &out[u]);
   }
 }
 
@@ -144,8 +170,9 @@ static void bench_peer(const struct textured *t) {
       break;
   }
   simplify_meshopt(t, high, meshes);
-  double worst = worst_error(t, meshes);
-  print_row(t, "meshopt", all_triangles(t, meshes), 0, (struct lod_interval){0, worst}, -1, 0, seconds);
+  struct lod_interval error;
+  size_t bytes = level_bytes(t, meshes, &error);
+  print_row(t, "meshopt", all_triangles(t, meshes), bytes, error, -1, 0, seconds);
 }
 
 bool bench_textured(const char *path, const double *percents, const char *const *aims, int count) {
