@@ -37,7 +37,7 @@ export async function openPage(browser, options = {}) {
   });
   page.on('request', (request) => page.asked.push(request.url()));
   page.on('response', (response) => {
-    if (/\/level\?/.test(response.url())) page.levels.push({ status: response.status(), headers: response.headers(), url: response.url() });
+    if (/\/(level|delta)\?/.test(response.url())) page.levels.push({ status: response.status(), headers: response.headers(), url: response.url() });
   });
   return page;
 }

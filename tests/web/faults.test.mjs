@@ -43,13 +43,30 @@ test('a server that is down is said to be down, and found again when it is back'
     assert.equal(await alert.count(), 0);
   }));
 
-test('a level that breaks off is said so, asked for again, and arrives', TEST, () =>
+test('a level that breaks off is taken up where it broke', TEST, () =>
   withMock({}, [sphere()], async (mock, page) => {
     let cuts = 2;
     mock.cut = () => cuts-- > 0;
     await page.goto(mock.url);
+    await settled(page);
+    const shown = await figures(page);
+    assert.ok(shown.triangles > 0);
+    const ranges = mock.requests.filter((r) => r.range);
+    assert.ok(ranges.length >= 2, JSON.stringify(ranges));
+    const whole = mock.requests.filter((r) => /\/level$/.test(r.path) && !r.range);
+    const levels = mock.models.get('sphere').manifest.families.cluster.levels;
+    const bytes = whole.reduce((sum, r) => sum + levels.find((l) => l.error <= Number(r.query.get('error'))).bytes, 0);
+    assert.equal(shown.loaded, bytes, 'no byte came twice');
+    assert.equal(await page.getByRole('alert').count(), 0);
+  }));
+
+test('a level that is not answered is said so, asked for again, and arrives', TEST, () =>
+  withMock({}, [sphere()], async (mock, page) => {
+    mock.broken = (request, url) => /\/level$/.test(url.pathname);
+    await page.goto(mock.url);
     await page.getByRole('alert').waitFor();
     assert.match(await page.getByRole('alert').textContent(), /^Level \d did not arrive: .* It is asked for again\./);
+    mock.broken = () => false;
     await settled(page);
     assert.ok((await figures(page)).triangles > 0);
   }));

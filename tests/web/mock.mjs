@@ -71,7 +71,7 @@ export class Mock {
 
   async answer(request, response) {
     const url = new URL(request.url, 'http://mock');
-    this.requests.push({ method: request.method, path: url.pathname, query: url.searchParams });
+    this.requests.push({ method: request.method, path: url.pathname, query: url.searchParams, range: request.headers.range ?? null });
     if (this.broken(request, url)) {
       request.socket.destroy();
       return;
@@ -120,8 +120,12 @@ export class Mock {
     const { levels } = model.manifest.families.cluster;
     const limit = Number(url.searchParams.get('error'));
     const level = levels.find((l) => l.error <= limit) ?? levels[levels.length - 1];
-    const { bytes } = model.objects.get(level.object);
-    response.writeHead(200, {
+    const { bytes: whole } = model.objects.get(level.object);
+    const range = /^bytes=(\d+)-(\d*)$/.exec(request.headers.range ?? ''); // a browser's cache asks for single bytes of what it has a part of
+    const [from, until] = range ? [Number(range[1]), range[2] ? Number(range[2]) + 1 : whole.length] : [0, whole.length];
+    const bytes = whole.subarray(from, until);
+    response.writeHead(range ? 206 : 200, {
+      ...(range ? { 'content-range': `bytes ${from}-${until - 1}/${whole.length}`, 'accept-ranges': 'bytes' } : {}),
       'content-type': level.type, 'content-length': bytes.length, etag: `"${level.object}"`, 'content-location': `${this.prefix}/v1/objects/${level.object}`,
       'lod-family': 'cluster', 'lod-level': level.level, 'lod-error': level.error, 'lod-triangles': level.triangles,
     });

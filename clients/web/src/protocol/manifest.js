@@ -5,8 +5,9 @@ import { ProtocolError } from './problem.js';
 /**
  * @param {unknown} json what GET /v1/models/{id} answered
  * @returns {{id, revision, source, sphere: {center: number[], radius: number}, bounds, diagonal: number,
- *   families: Map<string, {name, nested, levels: Level[]}>, warnings: string[], seconds: number|null}}
- *   Level: {family, level, vertices, triangles, edges, points, error, cell, bytes, object, type}; level 0 is the coarsest
+ *   units: number of geometries that are simplified by themselves; families: Map<string, {name, nested, levels: Level[]}>, warnings: string[], seconds: number|null}}
+ *   Level: {family, level, vertices, triangles, edges, points, error, cell, bytes, object, type, delta: {to, bytes, object}|null}; level 0 is the
+ *   coarsest; delta: the step to a finer level
  */
 export function parseManifest(json) {
   const manifest = object(json, 'manifest');
@@ -30,6 +31,7 @@ export function parseManifest(json) {
     sphere: { center: sphere.center, radius: sphere.radius > 0 ? sphere.radius : 1 },
     diagonal: finite(source.diagonal) ?? distance(bounds.min, bounds.max),
     families,
+    units: countUnits(manifest.parts),
     warnings: Array.isArray(manifest.bake?.warnings) ? manifest.bake.warnings.filter((w) => typeof w === 'string') : [],
     seconds: finite(manifest.bake?.seconds),
   };
@@ -59,6 +61,13 @@ export function familyLevels(manifest, family = 'auto') {
   return families.flatMap((f) => f.levels).sort((a, b) => b.error - a.error || a.bytes - b.bytes);
 }
 
+/** Parts that occur once are one unit together; one with several instances is a unit of its own. */
+function countUnits(parts) {
+  if (!Array.isArray(parts)) return 1;
+  const several = parts.filter((part) => Array.isArray(part?.instances) && part.instances.length > 1).length;
+  return several + (parts.length > several || several === 0 ? 1 : 0);
+}
+
 function parseLevel(family, level, index) {
   const path = `families.${family}.levels[${index}]`;
   return {
@@ -73,7 +82,12 @@ function parseLevel(family, level, index) {
     bytes: number(level.bytes, `${path}.bytes`),
     object: text(level.object, `${path}.object`),
     type: level.type ?? 'model/gltf-binary',
+    delta: level.delta ? parseDelta(level.delta, `${path}.delta`) : null,
   };
+}
+
+function parseDelta(delta, path) {
+  return { to: number(delta.to, `${path}.to`), bytes: number(delta.bytes, `${path}.bytes`), object: text(delta.object, `${path}.object`) };
 }
 
 function malformed(path, expected) {

@@ -77,6 +77,19 @@ export class Urls {
     return `${this.model(id)}/level${query(LEVEL_QUERY.map(([key, name]) => [name, choice[key]]))}`;
   }
 
+  /**
+   * The steps from level `from` to `to` of a family. Without `from`, a first picture comes first.
+   * @param {string} id
+   * @param {{family?: string, from?: number, to?: number}} steps
+   */
+  delta(id, steps = {}) {
+    return `${this.model(id)}/delta${query([
+      ['family', steps.family],
+      ['from', steps.from],
+      ['to', steps.to],
+    ])}`;
+  }
+
   object(sha256) {
     return `${this.base}v1/objects/${encodeURIComponent(sha256)}`;
   }

@@ -5,6 +5,7 @@
 import { ProtocolError, problemFromResponse } from '../protocol/problem.js';
 import { Urls } from '../protocol/urls.js';
 import { parseLevelHeaders } from '../protocol/headers.js';
+import { download } from './download.js';
 import { parseManifest, parseModelList } from '../protocol/manifest.js';
 
 const LIST_PAGE = 200;
@@ -88,35 +89,19 @@ export class Client {
    * fewest bytes that keeps this error.
    * onBytes(n): called with the size of every piece as it arrives.
    */
-  async level(id, level, { signal, onBytes = () => {} } = {}) {
-    const response = await this.request(this.urls.level(id, { family: level.family, error: level.error }), { signal });
-    const facts = parseLevelHeaders(response.headers);
-    const bytes = await readBody(response, facts.bytes ?? level.bytes, onBytes, signal);
-    return { bytes, facts, url: response.url };
+  async level(id, level, { signal, onBytes } = {}) {
+    const url = this.urls.level(id, { family: level.family, error: level.error });
+    const { bytes, response } = await download((init) => this.request(url, init), { signal, onBytes, expected: level.bytes });
+    return { bytes, facts: parseLevelHeaders(response.headers), url: response.url };
   }
-}
 
-/** The whole body as one Uint8Array, told piece by piece. expected: a size to begin with; being wrong only costs a copy. */
-async function readBody(response, expected, onBytes, signal) {
-  const reader = response.body.getReader();
-  let buffer = new Uint8Array(Math.max(expected, 1));
-  let size = 0;
-  try {
-    for (;;) {
-      const { done, value } = await reader.read();
-      if (done) break;
-      if (size + value.length > buffer.length) {
-        const larger = new Uint8Array(Math.max(buffer.length * 2, size + value.length));
-        larger.set(buffer.subarray(0, size));
-        buffer = larger;
-      }
-      buffer.set(value, size);
-      size += value.length;
-      onBytes(value.length);
-    }
-  } catch (cause) {
-    if (signal?.aborted) throw cause;
-    throw new ProtocolError('The connection broke while a level arrived.', { kind: 'unreachable', cause });
+  /**
+   * The frames of the steps between two levels of a family. A lost connection is taken up where it broke.
+   * onGrown(bytes, size): what there is so far, to use frames as they arrive; onRestart: what came so far is worth nothing.
+   */
+  async delta(id, steps, { signal, onBytes, onGrown, onRestart, expected } = {}) {
+    const url = this.urls.delta(id, steps);
+    const { bytes } = await download((init) => this.request(url, init), { signal, onBytes, onGrown, onRestart, expected, what: 'a delta' });
+    return bytes;
   }
-  return size === buffer.length ? buffer : buffer.slice(0, size);
 }

@@ -1,4 +1,5 @@
 export { Client } from './client.js';
+export { download } from './download.js';
 export { RequestQueue } from './queue.js';
 export { ByteCache } from './cache.js';
 export { MotionMeter, motionFactor } from './motion.js';

@@ -1,4 +1,5 @@
 export { LevelLoader, makeDraco } from './loader.js';
+export { DeltaLoader, levelFromArrays } from './deltas.js';
 export { LevelObject } from './level.js';
 export { SharedTextures } from './textures.js';
 export { computeCreasedNormals, creaseAngle } from './normals.js';

@@ -20,7 +20,13 @@ export class ModelSession {
       this.loadedBytes += n;
       options.onBytes();
     };
-    this.loader = new LevelLoader(client, id, { ...options.assets, onBytes: count, onTextureError: options.onTextureError });
+    this.loader = new LevelLoader(client, id, {
+      ...options.assets,
+      // A model of several units has frames for each; they come whole.
+      levels: manifest.units === 1 ? (family) => manifest.families.get(family).levels : undefined,
+      onBytes: count,
+      onTextureError: options.onTextureError,
+    });
     this.core = options.assets.core;
     this.morpher = null;
     /** What was drawn after how many bytes: the certified error against what it cost. */
@@ -30,6 +36,7 @@ export class ModelSession {
       dispose: (value) => {
         options.onDispose(value);
         this.morpher?.forget(value.object);
+        this.loader.forget(value.object);
         value.object.dispose();
       },
       onShow: (level, value) => {

@@ -20,6 +20,7 @@ export class CoreJobs {
       const arrays = level.arrays();
       return { result: { id: this.keep(level), arrays }, transfer: buffersOf(arrays) };
     }
+    if (what === 'frameSize') return { result: core.frameSize(options.bytes), transfer: [] };
     if (what === 'morph') return this.morph(core, options);
     this.levels.get(options.level)?.free();
     this.levels.delete(options.level);

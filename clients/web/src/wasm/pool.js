@@ -41,6 +41,11 @@ export class CorePool {
     return this.ask('morph', { from, to, ...options });
   }
 
+  /** Bytes of the delta frame that begins at `bytes`; 0: more of them are needed to tell. */
+  frameSize(bytes) {
+    return this.ask('frameSize', { bytes });
+  }
+
   free(level) {
     this.ask('free', { level }).catch(() => {});
   }

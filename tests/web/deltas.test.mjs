@@ -1,0 +1,139 @@
+/** Levels by deltas: bodies that survive a lost connection, and the page that takes deltas where they are fewer bytes. */
+
+import assert from 'node:assert/strict';
+import test from 'node:test';
+import { parseManifest } from '../../clients/web/src/protocol/manifest.js';
+import { DeltaLoader } from '../../clients/web/src/three/deltas.js';
+import { download } from '../../clients/web/src/stream/download.js';
+import { figures, launch, openPage, settled } from './browser.mjs';
+import { Daemon } from './daemon.mjs';
+import { bumpySphere, writePly } from './models.mjs';
+
+const BODY = Uint8Array.from({ length: 5000 }, (_, i) => (i * 31) % 251);
+
+/** A server whose n-th answer breaks after cuts[n] bytes. */
+function breaking(cuts, { etag = () => '"one"', range = true } = {}) {
+  const asked = [];
+  const request = async ({ headers = {} }) => {
+    const turn = asked.length;
+    asked.push(headers.range ?? null);
+    const from = range && headers.range ? Number(/^bytes=(\d+)-$/.exec(headers.range)[1]) : 0;
+    const until = Math.min(BODY.length, from + (cuts[turn] ?? Infinity));
+    if (cuts[turn] === -1) throw Object.assign(new Error('No answer'), { kind: 'unreachable' });
+    let at = from;
+    const body = new ReadableStream({
+      pull(controller) {
+        if (at >= until) {
+          if (until < BODY.length) controller.error(new TypeError('network error'));
+          else controller.close();
+          return;
+        }
+        controller.enqueue(BODY.slice(at, Math.min(until, at + 700)));
+        at += 700;
+      },
+    }, { highWaterMark: 0 });
+    return new Response(body, { status: from > 0 ? 206 : 200, headers: { etag: etag(turn) } });
+  };
+  return { asked, request };
+}
+
+test('a connection that breaks is taken up where it broke', async () => {
+  const { asked, request } = breaking([1500, 900, -1, 2000]);
+  let counted = 0;
+  const sizes = [];
+  const waits = [];
+  const { bytes } = await download(request, { onBytes: (n) => (counted += n), onGrown: (_, size) => void sizes.push(size), sleep: async (s) => void waits.push(s) });
+  assert.deepEqual(bytes, BODY);
+  assert.deepEqual(asked, [null, 'bytes=1500-', 'bytes=2400-', 'bytes=2400-', 'bytes=4400-']);
+  assert.equal(counted, BODY.length, 'no byte came twice');
+  assert.ok(sizes.every((size, i) => i === 0 || size > sizes[i - 1]));
+  assert.ok(waits.length >= 4);
+});
+
+test('a body that has changed meanwhile begins anew', async () => {
+  let restarts = 0;
+  const { request } = breaking([2000], { etag: (turn) => (turn === 0 ? '"one"' : '"two"') });
+  const { bytes } = await download(request, { onRestart: () => restarts++, sleep: async () => {} });
+  assert.equal(restarts, 1);
+  assert.deepEqual(bytes, BODY, 'the rest of another body is not taken for the whole');
+});
+
+test('a server without ranges sends all of it again', async () => {
+  const { request } = breaking([2000], { range: false });
+  const { bytes } = await download(request, { sleep: async () => {} });
+  assert.deepEqual(bytes, BODY);
+});
+
+test('a connection that never holds ends in a sentence', async () => {
+  const { asked, request } = breaking(Array(20).fill(0));
+  await assert.rejects(download(request, { what: 'a delta', sleep: async () => {} }), /The connection broke while a delta arrived/);
+  assert.ok(asked.length <= 8);
+});
+
+test('a manifest tells of its deltas', () => {
+  const level = (n, delta) => ({ level: n, triangles: 1, error: 1 / (n + 1), bytes: 10, object: `o${n}`, ...(delta ? { delta } : {}) });
+  const manifest = parseManifest({
+    id: 'm', revision: 'r', source: { bounds: { min: [0, 0, 0], max: [1, 1, 1] } },
+    families: { retile: { nested: true, levels: [level(0, { to: 1, bytes: 5, object: 'd' }), level(1)] } },
+  });
+  const { levels } = manifest.families.get('retile');
+  assert.deepEqual(levels.map((l) => l.delta), [{ to: 1, bytes: 5, object: 'd' }, null]);
+  assert.equal(manifest.units, 1);
+});
+
+test('the steps from a level that is on its way are waited for only where they are much less', async () => {
+  const levels = [
+    { family: 'f', level: 0, bytes: 1000, delta: { to: 1, bytes: 2000 } },
+    { family: 'f', level: 1, bytes: 2400, delta: { to: 2, bytes: 3000 } },
+    { family: 'f', level: 2, bytes: 9000, delta: null },
+  ];
+  const deltas = new DeltaLoader({ levels: () => levels });
+  assert.equal(deltas.coming(levels[2]), null);
+  let arrive;
+  deltas.expect(levels[0], new Promise((resolve) => (arrive = resolve)));
+  assert.equal(deltas.coming(levels[1]), null, '2000 instead of 2400 is not worth it');
+  const coming = deltas.coming(levels[2]);
+  assert.ok(coming, '5000 instead of 9000 is');
+  assert.equal(deltas.coming({ ...levels[2], family: 'g' }), null);
+  arrive();
+  await coming;
+  assert.equal(deltas.coming(levels[2]), null, 'it is there');
+  deltas.expect(levels[0], Promise.reject(new Error('lost')));
+  await deltas.coming(levels[2]);
+  deltas.offer(levels[0], { bars: 0 });
+  assert.equal(deltas.route(levels[2]).bytes, 5000);
+  assert.equal(deltas.route(levels[1]).bytes, 2000);
+  deltas.refused.add('f');
+  assert.equal(deltas.route(levels[2]), null);
+});
+
+/* ---- the page against the daemon ---- */
+
+test('the page sharpens by deltas, and what it draws is the level', { timeout: 180000 }, async () => {
+  const daemon = await Daemon.start(['--families', 'retile']);
+  const browser = await launch();
+  try {
+    const manifest = await daemon.bake('bumpy', writePly(bumpySphere(40)));
+    const { levels } = manifest.families.retile;
+    const from = levels.find((l) => l.delta && l.delta.bytes < levels[l.delta.to].bytes);
+    assert.ok(from, 'a delta that is worth it');
+    const page = await openPage(browser, { viewport: { width: 320, height: 240 } });
+    page.setDefaultTimeout(60000);
+    await page.goto(`${daemon.url}#model=bumpy&family=retile&level=${from.level}`);
+    await settled(page, 60000);
+    assert.equal((await figures(page)).level, from.level);
+    const bytes = (await figures(page)).loaded;
+    await page.evaluate((level) => (location.hash = `#model=bumpy&family=retile&level=${level}`), from.delta.to);
+    await page.waitForFunction((level) => document.getElementById('hud-level').dataset.value === String(level), from.delta.to);
+    await settled(page, 60000);
+    const asked = page.asked.filter((url) => /\/(delta|level)\?/.test(url)).map((url) => url.replace(/^.*\/v1/, ''));
+    assert.ok(asked.some((url) => url.endsWith(`/delta?family=retile&from=${from.level}&to=${from.delta.to}`)), asked.join(' '));
+    const drawn = await figures(page);
+    assert.equal(drawn.triangles, levels[from.delta.to].triangles);
+    assert.equal(drawn.loaded - bytes, from.delta.bytes, 'the delta is all that came');
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await browser.close();
+    await daemon.stop();
+  }
+});
