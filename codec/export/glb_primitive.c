@@ -108,6 +108,14 @@ static struct lod_draco_grid uv_grid(const float min[2], const float max[2], int
   float low[2];
   for (int i = 0; i < 2; i++)
     low[i] = (float)(floor((double)min[i] / step) * step);
+  /* Exactly this step, so that all primitives and levels have UVs on one lattice, as long as floats hold its points. */
+  struct lod_draco_grid grid = {.origin = {low[0], low[1]}, .step = (float)step, .bits = 1};
+  const double side = fmax((double)max[0] - (double)low[0], (double)max[1] - (double)low[1]);
+  const double reach = fmax(fabs((double)low[0]), fabs((double)low[1])) / step;
+  while (grid.bits < 20 && ldexp(1, grid.bits) - 1 < side / step + 0.5)
+    grid.bits++;
+  if (ldexp(1, grid.bits) - 1 >= side / step + 0.5 && reach + ldexp(1, grid.bits) <= 0x1p24)
+    return grid;
   return lod_draco_grid_make(low, max, 2, step);
 }
 

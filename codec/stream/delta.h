@@ -9,9 +9,7 @@
  * Context Models for Lossless Data Compression. 2005 (mixing of contexts). codec/FORMAT.md, section 6, describes every byte.
  *
  * A frame is one step of one unit of a model. Frames follow each other without padding and can be used as they arrive: the header says how
- * long a frame is. A frame's body has a first section (connectivity, the vertices of the coarser level, and the prediction of all others),
- * then one section a patch. Patches can be decoded in any order, each once: a vertex belongs to the patch of the lowest number that it
- * touches, and a patch that has not come lies on the predicted surface, so there are no cracks.
+ * long a frame is.
  *
  * Decoding needs libc, core/base and core/mesh, one thread, and integers, + - * / and sqrt alone: natively and in WebAssembly it gives the
  * same bits. Every length is checked; what decoding takes is known from the header before anything is allocated. */
@@ -31,7 +29,6 @@
 enum {
   LOD_DELTA_VERSION = 1,
   LOD_DELTA_MAX_HEADER_BYTES = 160, /* as many bytes as are there, up to this many, are enough for lod_delta_inspect */
-  LOD_DELTA_MAX_PATCHES = 4096,
 };
 
 /* Positions are origin + step * q per axis in float arithmetic, 0 <= q < 2^24: codec/export/draco.h's grid. */
@@ -46,13 +43,11 @@ struct lod_delta_header {
   uint32_t unit, unit_count; /* which of the model's units, of how many */
   uint32_t base_vertices;    /* of the coarser level's unit; 0 without base */
   uint32_t vertices, triangles, edges, points, wedges; /* of the finer one */
-  uint32_t patch_count;                                /* sections behind the first; 0: everything is in the first */
   struct lod_delta_grid grid;                          /* of the finer one */
   uint32_t base_checksum;                              /* lod_delta_checksum of the coarser one */
   uint32_t checksum;                                   /* and of the finer one */
   size_t header_bytes;                                 /* where the body begins */
   size_t size;                                         /* of the whole frame */
-  size_t first_bytes;                                  /* of the first section */
   uint64_t memory_bytes;                               /* at most, for decoding and the result; a function of the counts */
 };
 
@@ -74,7 +69,9 @@ struct lod_delta_limits {
 
 /* The finer level, in the arena given. */
 struct lod_delta_level {
-  struct lod_mesh mesh; /* vertices in the order of the stream; parts and materials of the model */
+  /* Vertices in the order of the stream; parts and materials of the model; UVs and colours to the bit, normals within half a step of
+   * normal_bits, or within normal_degrees where they are computed from the surface. */
+  struct lod_mesh mesh;
   const uint32_t *kept; /* base_vertices: base vertex (in the order that the base was given in) -> the same vertex in mesh, or LOD_NONE;
                            NULL without base */
 };
@@ -100,11 +97,8 @@ struct lod_delta_encode_request {
   const uint32_t *kept;        /* base vertex -> fine vertex, or LOD_NONE; each fine vertex at most once; NULL without base */
   struct lod_delta_grid grid;
   uint32_t from, to, unit, unit_count;
-  uint32_t patch_triangles;                /* about so many of the finer level's triangles a patch; 0 = no patches */
   double normal_degrees;                   /* normals are left out where all are within this of what a client computes; 3 */
-  int normal_bits;                         /* octahedral; 8 */
-  int uv_bits;                             /* steps of 2^-uv_bits; 12 */
-  int color_bits;                          /* 8 */
+  int normal_bits;                         /* octahedral, 2 to 16; 8 */
   struct lod_delta_statistics *statistics; /* NULL, or where bits are counted */
 };
 struct lod_delta_encode_request lod_delta_encode_defaults(void);

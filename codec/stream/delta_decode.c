@@ -6,9 +6,8 @@
 static enum lod_status check_frame(struct step *s, size_t size, const struct delta_inner *inner, const uint8_t *bytes,
                                    const struct lod_delta_limits *limits) {
   const struct lod_delta_header *h = &s->header;
-  if (size < h->header_bytes + h->first_bytes)
-    return lod_fail(s->problem, LOD_BAD_INPUT, "truncated", "A delta needs %zu bytes; there are %zu.", h->header_bytes + h->first_bytes,
-                    size);
+  if (size < h->size)
+    return lod_fail(s->problem, LOD_BAD_INPUT, "truncated", "A delta needs %zu bytes; there are %zu.", h->size, size);
   if (limits != NULL && limits->max_vertices != 0 && h->vertices > limits->max_vertices)
     return lod_fail(s->problem, LOD_LIMIT, "limit-vertices", "A delta declares %u vertices; the limit is %llu.", h->vertices,
                     (unsigned long long)limits->max_vertices);
@@ -18,7 +17,7 @@ static enum lod_status check_frame(struct step *s, size_t size, const struct del
   if (limits != NULL && limits->max_memory_bytes != 0 && h->memory_bytes > limits->max_memory_bytes)
     return lod_fail(s->problem, LOD_LIMIT, "limit-memory", "A delta declares that it takes %llu bytes to decode; the limit is %llu.",
                     (unsigned long long)h->memory_bytes, (unsigned long long)limits->max_memory_bytes);
-  if (lod_crc32(bytes + h->header_bytes, h->first_bytes) != inner->first_crc)
+  if (lod_crc32(bytes + h->header_bytes, h->size - h->header_bytes) != inner->first_crc)
     return lod_fail(s->problem, LOD_BAD_INPUT, "delta", "A delta is damaged: the checksum of its bytes is not the one in its header.");
   return LOD_OK;
 }
@@ -54,7 +53,13 @@ static enum lod_status make_mesh(struct step *s, struct lod_mesh *mesh) {
                             .triangle_count = h->triangles,
                             .edge_count = h->edges,
                             .point_count = h->points,
-                            .triangles = s->triangles};
+                            .triangles = s->triangles,
+                            .wedge_count = h->wedges,
+                            .corners = s->wedge_corners,
+                            .wedge_vertex = s->wedge_vertex,
+                            .normals = s->normals,
+                            .uvs = {s->uvs[0], s->uvs[1]},
+                            .colors = s->colors};
   mesh->positions = lod_arena_alloc(s->arena, h->vertices, sizeof *mesh->positions);
   mesh->parts = LOD_NEW(s->arena, h->triangles, uint32_t);
   mesh->materials = LOD_NEW(s->arena, h->triangles, uint32_t);
@@ -112,12 +117,13 @@ static enum lod_status decode(struct step *s, const uint8_t *bytes, size_t size,
   const struct lod_coder_tables *tables = lod_coder_tables_create(s->scratch);
   if (s->cells == NULL || tables == NULL)
     return LOD_MEMORY;
-  lod_coder_decode(&s->coder, tables, bytes + s->header.header_bytes, s->header.first_bytes);
+  lod_coder_decode(&s->coder, tables, bytes + s->header.header_bytes, s->header.size - s->header.header_bytes);
   LOD_TRY(lod_step_topology(s));
   LOD_TRY(lod_step_locate(s));
   LOD_TRY(lod_step_kept(s));
   LOD_TRY(lod_step_predict(s));
-  LOD_TRY(lod_step_geometry(s, 0));
+  LOD_TRY(lod_step_geometry(s));
+  LOD_TRY(lod_step_attributes(s));
   if (!lod_coder_finish(&s->coder))
     return lod_step_bad(s, "bytes");
   LOD_TRY(make_mesh(s, &level->mesh));

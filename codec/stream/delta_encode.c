@@ -5,8 +5,7 @@
 #include "codec/stream/header.h"
 
 struct lod_delta_encode_request lod_delta_encode_defaults(void) {
-  return (struct lod_delta_encode_request){
-      .from = LOD_NONE, .unit_count = 1, .normal_degrees = 3, .normal_bits = 8, .uv_bits = 12, .color_bits = 8};
+  return (struct lod_delta_encode_request){.from = LOD_NONE, .unit_count = 1, .normal_degrees = 3, .normal_bits = 8};
 }
 
 static enum lod_status check_request(const struct lod_delta_encode_request *request, struct lod_problem *problem) {
@@ -53,7 +52,8 @@ static enum lod_status encode_first(struct step *s) {
   LOD_TRY(lod_step_locate(s));
   LOD_TRY(lod_step_kept(s));
   LOD_TRY(lod_step_predict(s));
-  LOD_TRY(lod_step_geometry(s, 0));
+  LOD_TRY(lod_step_geometry(s));
+  LOD_TRY(lod_step_attributes(s));
   return lod_coder_finish(&s->coder) ? LOD_OK : LOD_MEMORY;
 }
 
@@ -74,6 +74,7 @@ static enum lod_status encode(struct step *s, struct lod_arena *arena, uint8_t *
                                         .triangles = fine->triangle_count,
                                         .edges = fine->edge_count,
                                         .points = fine->point_count,
+                                        .wedges = fine->wedge_count,
                                         .grid = request->grid};
   uint8_t *used = LOD_NEW_ZERO(s->scratch, fine->vertex_count, uint8_t);
   if (tables == NULL || used == NULL)
@@ -83,6 +84,19 @@ static enum lod_status encode(struct step *s, struct lod_arena *arena, uint8_t *
       used[fine->triangles[t][i]] = 1;
   for (uint32_t v = 0; v < fine->vertex_count; v++)
     s->loose += !used[v];
+  if (fine->wedge_count != 0) {
+    uint32_t corners = 0;
+    uint8_t *cornered = LOD_NEW_ZERO(s->scratch, fine->wedge_count, uint8_t);
+    if (cornered == NULL)
+      return LOD_MEMORY;
+    for (uint32_t t = 0; t < fine->triangle_count; t++)
+      for (int i = 0; i < 3; i++) {
+        corners += !cornered[fine->corners[t][i]];
+        cornered[fine->corners[t][i]] = 1;
+      }
+    if (corners != fine->wedge_count)
+      return lod_fail(s->problem, LOD_BAD_INPUT, "loose-wedges", "A level to encode has attributes at segments or points.");
+  }
   LOD_TRY(lod_step_base(request->base != NULL ? request->base : &empty, &request->grid, s->scratch, &s->base));
   if (request->base != NULL)
     LOD_TRY(lod_delta_checksum(request->base, s->scratch, &s->header.base_checksum));
@@ -94,7 +108,7 @@ static enum lod_status encode(struct step *s, struct lod_arena *arena, uint8_t *
   uint8_t header[LOD_DELTA_MAX_HEADER_BYTES];
   struct delta_inner inner = {
       .cut_vertices = s->cut_vertices, .components = s->components, .first_crc = lod_crc32(s->coder.out, s->coder.out_size)};
-  s->header.size = s->header.first_bytes = s->coder.out_size;
+  s->header.size = s->coder.out_size;
   lod_delta_write_header(&s->header, &inner, header);
   s->statistics->header += 8.0 * (double)s->header.header_bytes;
   *size = s->header.size;

@@ -11,7 +11,7 @@
 
 enum { SWEEPS = 4, ITERATIONS = 12, DEGREE = 64, LENGTHS = 25, BUCKETS = 40, FRACTIONS = 4 };
 
-/* Everything that learns, of one patch. */
+/* Everything that learns. */
 struct step_residual_models {
   struct lod_bit_model length[3][3][BUCKETS][LENGTHS][FRACTIONS], first[3][BUCKETS][LENGTHS], second[3][LENGTHS][2],
       sign[3][12][2 * FRACTIONS];
@@ -386,8 +386,7 @@ static enum lod_status code_rest(struct step *s, struct step_residual_models *m)
   return LOD_OK;
 }
 
-enum lod_status lod_step_geometry(struct step *s, uint32_t patch) {
-  (void)patch;
+enum lod_status lod_step_geometry(struct step *s) {
   struct step_residual_models *m = LOD_NEW_ZERO(s->scratch, 1, struct step_residual_models);
   if (m == NULL)
     return LOD_MEMORY;

@@ -16,13 +16,15 @@ enum {
   PER_COMPONENT = 80,
   PER_BASE_VERTEX = 128,
   PER_PRIMITIVE = 64,
+  PER_WEDGE = 160,
   MODELS = 2 << 20
 };
 
 static uint64_t memory_of(const struct lod_delta_header *h, const struct delta_inner *inner) {
   return MODELS + (uint64_t)PER_TRIANGLE * h->triangles + (uint64_t)PER_VERTEX * h->vertices +
          (uint64_t)PER_CUT_VERTEX * inner->cut_vertices + (uint64_t)PER_COMPONENT * inner->components +
-         (uint64_t)PER_BASE_VERTEX * h->base_vertices + (uint64_t)PER_PRIMITIVE * ((uint64_t)h->edges + h->points + h->wedges);
+         (uint64_t)PER_BASE_VERTEX * h->base_vertices + (uint64_t)PER_PRIMITIVE * ((uint64_t)h->edges + h->points) +
+         (uint64_t)PER_WEDGE * h->wedges;
 }
 
 /* Whether the counts can belong to one another and to so many bytes. A bit model's probability ends at 1 / 4096, so a triangle, which takes
@@ -31,7 +33,7 @@ static bool plausible(const struct lod_delta_header *h, const struct delta_inner
   const uint64_t most = ((uint64_t)1 << 16) + 23000 * (uint64_t)(h->size - h->header_bytes);
   return h->triangles <= most && h->vertices <= most && h->edges <= most && h->points <= most && h->wedges <= most &&
          inner->cut_vertices <= 3 * (uint64_t)h->triangles && inner->components <= h->triangles && h->triangles < UINT32_MAX / 6 &&
-         h->base_vertices < UINT32_MAX / 6 && h->edges < UINT32_MAX / 6 && h->patch_count <= LOD_DELTA_MAX_PATCHES;
+         h->base_vertices < UINT32_MAX / 6 && h->edges < UINT32_MAX / 6 && h->wedges <= 3 * (uint64_t)h->triangles;
 }
 
 enum lod_status lod_delta_read_header(const uint8_t *bytes, size_t size, struct lod_delta_header *header, struct delta_inner *inner,
@@ -49,12 +51,11 @@ enum lod_status lod_delta_read_header(const uint8_t *bytes, size_t size, struct 
   if (h.version != LOD_DELTA_VERSION || (flags & ~(uint32_t)FLAGS) != 0)
     return lod_fail(problem, LOD_UNSUPPORTED, "delta-version", "A delta has version %u, flags %u; version %d is known.", h.version, flags,
                     LOD_DELTA_VERSION);
-  uint32_t *const counts[] = {&h.to,    &h.unit,   &h.unit_count, &h.vertices,   &h.triangles, &inner->cut_vertices, &inner->components,
-                              &h.edges, &h.points, &h.wedges,     &h.patch_count};
+  uint32_t *const counts[] = {&h.to,    &h.unit,   &h.unit_count, &h.vertices, &h.triangles, &inner->cut_vertices, &inner->components,
+                              &h.edges, &h.points, &h.wedges};
   for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
     *counts[i] = lod_read_varint(&r);
   const size_t body = lod_read_varint(&r);
-  h.first_bytes = h.patch_count != 0 ? lod_read_varint(&r) : body;
   h.from = LOD_NONE;
   if ((flags & FLAG_BASE) != 0) {
     h.from = lod_read_varint(&r);
@@ -77,7 +78,7 @@ enum lod_status lod_delta_read_header(const uint8_t *bytes, size_t size, struct 
   bool grid = h.grid.step > 0 && h.grid.step <= 3e38f;
   for (int i = 0; i < 3; i++)
     grid = grid && h.grid.origin[i] >= -3e38f && h.grid.origin[i] <= 3e38f;
-  if (!grid || !plausible(&h, inner) || h.first_bytes > body || h.unit >= h.unit_count)
+  if (!grid || !plausible(&h, inner) || h.unit >= h.unit_count)
     return lod_fail(problem, LOD_BAD_INPUT, "delta",
                     "A delta of %zu bytes declares %u vertices and %u triangles, or a grid or unit, that cannot be.", body, h.vertices,
                     h.triangles);
@@ -98,13 +99,11 @@ void lod_delta_write_header(struct lod_delta_header *h, const struct delta_inner
   w.at += sizeof kMagic;
   lod_write_fixed(&w, LOD_DELTA_VERSION, 1);
   lod_write_fixed(&w, h->from != LOD_NONE ? FLAG_BASE : 0, 1);
-  const uint32_t counts[] = {h->to,    h->unit,   h->unit_count, h->vertices,   h->triangles, inner->cut_vertices, inner->components,
-                             h->edges, h->points, h->wedges,     h->patch_count};
+  const uint32_t counts[] = {h->to,    h->unit,   h->unit_count, h->vertices, h->triangles, inner->cut_vertices, inner->components,
+                             h->edges, h->points, h->wedges};
   for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
     lod_write_varint(&w, counts[i]);
   lod_write_varint(&w, (uint32_t)body);
-  if (h->patch_count != 0)
-    lod_write_varint(&w, (uint32_t)h->first_bytes);
   if (h->from != LOD_NONE) {
     lod_write_varint(&w, h->from);
     lod_write_varint(&w, h->base_vertices);

@@ -62,6 +62,10 @@ struct step {
   uint32_t *kept;                 /* base vertex (ours) -> vertex or LOD_NONE */
   int32_t (*cells)[3];            /* vertex -> grid indices */
 
+  /* attributes.c: as in struct lod_mesh; NULL where there are none */
+  uint32_t (*wedge_corners)[3], *wedge_vertex;
+  float (*normals)[3], (*uvs[LOD_UV_SETS])[2], (*colors)[4];
+
   /* geometry.c */
   uint32_t *order; /* vertices by their distance from kept ones: kept_count of these, then those that are `reached` */
   uint32_t kept_count, reached;
@@ -75,10 +79,12 @@ struct step {
 LOD_WARN_UNUSED enum lod_status lod_step_topology(struct step *step);
 /* ---- locate.c ---- */
 LOD_WARN_UNUSED enum lod_status lod_step_locate(struct step *step);
+/* ---- attributes.c ---- */
+LOD_WARN_UNUSED enum lod_status lod_step_attributes(struct step *step);
 /* ---- geometry.c ---- */
 LOD_WARN_UNUSED enum lod_status lod_step_predict(struct step *step);
 LOD_WARN_UNUSED enum lod_status lod_step_kept(struct step *step);
-LOD_WARN_UNUSED enum lod_status lod_step_geometry(struct step *step, uint32_t patch);
+LOD_WARN_UNUSED enum lod_status lod_step_geometry(struct step *step);
 
 /* What every decoder makes of a grid index: two roundings of float, as codec/export/draco.h's grid. */
 static inline float lod_step_position(const struct lod_delta_grid *grid, int axis, int32_t q) {

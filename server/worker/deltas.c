@@ -65,11 +65,35 @@ static uint32_t find_place(const struct places *places, const float position[3])
 /* ---- whether two meshes are the same but for their order ---- */
 
 struct row {
-  uint32_t words[5];
+  uint32_t words[6];
 };
 
 static int compare_rows(const void *a, const void *b) {
   return memcmp(a, b, sizeof(struct row));
+}
+
+static uint32_t hash_words(uint32_t hash, const void *values, size_t count) {
+  for (size_t i = 0; i < count; i++) {
+    uint32_t word;
+    memcpy(&word, (const char *)values + 4 * i, sizeof word);
+    hash = (hash ^ word) * 16777619u;
+    hash ^= hash >> 15;
+  }
+  return hash;
+}
+
+/* Of the UVs and colours of a triangle's corners, from one on. */
+static uint32_t hash_values(const struct lod_mesh *mesh, uint32_t t, int first) {
+  uint32_t hash = 2166136261u;
+  for (int i = 0; i < 3 && mesh->wedge_count != 0; i++) {
+    const uint32_t w = mesh->corners[t][(first + i) % 3];
+    for (int set = 0; set < LOD_UV_SETS; set++)
+      if (mesh->uvs[set] != NULL)
+        hash = hash_words(hash, mesh->uvs[set][w], 2);
+    if (mesh->colors != NULL)
+      hash = hash_words(hash, mesh->colors[w], 4);
+  }
+  return hash;
 }
 
 static struct row *sorted_triangles(const struct lod_mesh *mesh, const uint32_t *names, struct lod_arena *arena) {
@@ -81,8 +105,9 @@ static struct row *sorted_triangles(const struct lod_mesh *mesh, const uint32_t 
       v[i] = names[mesh->triangles[t][i]];
       least = v[i] < v[least] ? i : least;
     }
+    const uint32_t values = hash_values(mesh, t, least);
     rows[t] = (struct row){{v[least], v[(least + 1) % 3], v[(least + 2) % 3], mesh->parts == NULL ? 0 : mesh->parts[t],
-                            mesh->materials == NULL ? LOD_NONE : mesh->materials[t]}};
+                            mesh->materials == NULL ? LOD_NONE : mesh->materials[t], values}};
   }
   if (rows != NULL)
     qsort(rows, mesh->triangle_count, sizeof *rows, compare_rows);
@@ -182,13 +207,6 @@ static enum lod_status open_side(const struct lod_deltas_request *request, const
     LOD_TRY(place_vertices(mesh, baked->position_error / request->model->units[u].scale, side, u));
   }
   return LOD_OK;
-}
-
-static bool codable(const struct side *side, uint32_t units) {
-  for (uint32_t u = 0; u < units; u++)
-    if (side->decoded[u].wedge_count != 0)
-      return false;
-  return true;
 }
 
 /* ---- which vertices stay ---- */
@@ -346,7 +364,6 @@ static enum lod_status write_step(const struct lod_deltas_request *request, cons
 }
 
 enum lod_status lod_deltas_bake(const struct lod_deltas_request *request, struct lod_arena *arena, struct lod_problem *problem) {
-  const uint32_t units = request->model->unit_count;
   struct side sides[2] = {{0}, {0}};
   enum lod_status status = LOD_OK;
   for (uint32_t k = 0; k < request->level_count && status == LOD_OK; k++) {
@@ -359,11 +376,11 @@ enum lod_status lod_deltas_bake(const struct lod_deltas_request *request, struct
       status = open_side(request, level, arena, fine, problem);
     else
       fine->arena = NULL;
-    if (status != LOD_OK || !codable(fine, units))
+    if (status != LOD_OK)
       continue;
     if (k == 0)
       status = write_step(request, NULL, fine, 0, arena, &level->first, problem);
-    else if (codable(coarse, units))
+    else
       status = write_step(request, coarse, fine, k, arena, &level[-1].delta, problem);
   }
   lod_arena_destroy(sides[0].arena);

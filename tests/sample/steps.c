@@ -64,7 +64,6 @@ static void run(const char *folder, const char *name, const struct lod_mesh *mes
     request.from = k == 0 ? LOD_NONE : k - 1;
     request.to = k;
     request.unit_count = 1;
-    request.patch_triangles = k == 2 ? 300 : 0;
     uint32_t *kept = k == 0 ? NULL : LOD_NEW(arena, before->mesh.vertex_count, uint32_t);
     for (uint32_t v = 0; k > 0 && v < retile.levels[k - 1].mesh.vertex_count; v++)
       kept[order[v]] = retile.levels[k - 1].parents[v];

@@ -5,11 +5,13 @@
 #include <stddef.h>
 
 #include <cmocka.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/mesh/topology.h"
 #include "core/retile/retile.h"
+#include "tests/data/models.h"
 #include "tests/data/nested.h"
 #include "tests/data/shapes.h"
 
@@ -85,13 +87,15 @@ static uint32_t *same_places(const struct lod_mesh *a, const struct lod_mesh *b)
   return map;
 }
 
+enum { WORDS = 5 + 3 * 8 };
+
 static int compare_words(const void *a, const void *b) {
-  return memcmp(a, b, 5 * sizeof(uint32_t));
+  return memcmp(a, b, WORDS * sizeof(uint32_t));
 }
 
-/* Triangles of `mesh`, in names of `map`, each from its smallest corner on, with part and material, sorted. */
-static uint32_t (*listed(const struct lod_mesh *mesh, const uint32_t *map))[5] {
-  uint32_t(*list)[5] = lod_arena_alloc(arena, mesh->triangle_count, sizeof *list);
+/* Triangles of `mesh`, in names of `map`, each from its smallest corner on, with part, material, UVs and colours, sorted. */
+static uint32_t (*listed(const struct lod_mesh *mesh, const uint32_t *map))[WORDS] {
+  uint32_t(*list)[WORDS] = lod_arena_calloc(arena, mesh->triangle_count, sizeof *list);
   for (uint32_t t = 0; t < mesh->triangle_count; t++) {
     uint32_t v[3];
     int least = 0;
@@ -104,6 +108,14 @@ static uint32_t (*listed(const struct lod_mesh *mesh, const uint32_t *map))[5] {
       list[t][i] = v[(least + i) % 3];
     list[t][3] = mesh->parts == NULL ? 0 : mesh->parts[t];
     list[t][4] = mesh->materials == NULL ? LOD_NONE : mesh->materials[t];
+    for (int i = 0; i < 3 && mesh->wedge_count != 0; i++) {
+      uint32_t w = mesh->corners[t][(least + i) % 3], *words = &list[t][5 + 8 * i];
+      for (int set = 0; set < LOD_UV_SETS; set++)
+        if (mesh->uvs[set] != NULL)
+          memcpy(words + 2 * set, mesh->uvs[set][w], 8);
+      if (mesh->colors != NULL)
+        memcpy(words + 4, mesh->colors[w], 16);
+    }
   }
   qsort(list, mesh->triangle_count, sizeof *list, compare_words);
   return list;
@@ -114,7 +126,7 @@ static void assert_same_mesh(const struct lod_mesh *decoded, const struct lod_me
   assert_int_equal(decoded->triangle_count, fine->triangle_count);
   assert_true(lod_mesh_check(decoded, NULL));
   uint32_t *map = same_places(decoded, fine);
-  assert_memory_equal(listed(decoded, map), listed(fine, NULL), fine->triangle_count * sizeof(uint32_t[5]));
+  assert_memory_equal(listed(decoded, map), listed(fine, NULL), fine->triangle_count * sizeof(uint32_t[WORDS]));
 }
 
 static struct lod_delta_level decode(const struct frame *f) {
@@ -223,6 +235,67 @@ static void vertices_of_the_base_may_be_gone_and_parts_may_be_new(void **state) 
   assert_true(gone >= sphere.vertex_count);
   struct frame f = encode(&base, &both, parents, 1e-3);
   assert_round_trip(&f);
+}
+
+static void seams_uvs_and_colours_come_back_to_the_bit(void **state) {
+  (void)state;
+  struct lod_mesh grid = lod_shape_grid(arena, 1, 16, 0.1), coarse = lod_shape_grid(arena, 1, 8, 0.1);
+  coarse.wedge_count = 0;
+  struct lod_model colored = lod_sample_colored(arena, true), opaque = lod_sample_colored(arena, false),
+                   textured = lod_sample_textured(arena);
+  struct lod_mesh *seamed = &textured.units[0].mesh;
+  struct lod_mesh *cubes[] = {&colored.units[0].mesh, &opaque.units[0].mesh};
+  for (int k = 0; k < 2; k++)
+    for (uint32_t w = 0; w < cubes[k]->wedge_count; w++)
+      for (int i = 0; i < 4; i++)
+        cubes[k]->colors[w][i] = (float)((int)(255 * cubes[k]->colors[w][i]) / 255.0);
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    for (uint32_t w = 0; w < seamed->wedge_count && seamed->uvs[set] != NULL; w++) /* as a level's GLB has them */
+      for (int i = 0; i < 2; i++)
+        seamed->uvs[set][w][i] = (float)((int)(seamed->uvs[set][w][i] * 4096) / 4096.0);
+  assert_true(grid.uvs[0] != NULL && seamed->wedge_count > seamed->vertex_count && seamed->materials != NULL);
+  assert_true(colored.units[0].mesh.wedge_count > colored.units[0].mesh.vertex_count);
+  struct frame frames[] = {encode(NULL, &grid, NULL, 1e-3), encode(NULL, &colored.units[0].mesh, NULL, 1e-3),
+                           encode(NULL, &opaque.units[0].mesh, NULL, 1e-3), encode(NULL, seamed, NULL, 1e-3),
+                           encode(&coarse, &grid, parents_by_place(&coarse, &grid), 1e-3)};
+  for (size_t i = 0; i < sizeof frames / sizeof *frames; i++)
+    assert_round_trip(&frames[i]);
+}
+
+/* Largest angle between a decoded corner's normal and the one it was made of, degrees. */
+static double worst_angle(const struct frame *f, const struct lod_mesh *decoded) {
+  uint32_t *map = same_places(decoded, &f->fine.mesh);
+  double least = 1;
+  for (uint32_t w = 0; w < decoded->wedge_count; w++) {
+    double best = -1; /* smooth meshes and cubes alike: the nearest of the vertex's normals */
+    for (uint32_t u = 0; u < f->fine.mesh.wedge_count; u++) {
+      const float *a = decoded->normals[w], *b = f->fine.mesh.normals[u];
+      double dot = (double)a[0] * b[0] + (double)a[1] * b[1] + (double)a[2] * b[2];
+      if (f->fine.mesh.wedge_vertex[u] == map[decoded->wedge_vertex[w]] && dot > best)
+        best = dot;
+    }
+    least = best < least ? best : least;
+  }
+  return acos(least > 1 ? 1 : least) * 57.29577951308232;
+}
+
+static void normals_are_left_out_where_the_surface_has_them_and_sent_where_not(void **state) {
+  (void)state;
+  struct lod_model smooth = lod_sample_smooth(arena);
+  struct lod_mesh turned = smooth.units[0].mesh;
+  struct frame plain = encode(NULL, &turned, NULL, 1e-3);
+  struct lod_delta_level level = decode(&plain);
+  assert_true(worst_angle(&plain, &level.mesh) <= 3);
+  turned.normals = lod_arena_copy(arena, turned.normals, turned.wedge_count * sizeof *turned.normals);
+  for (uint32_t w = 0; w < turned.wedge_count; w++) { /* a quarter turn about z */
+    float x = turned.normals[w][0];
+    turned.normals[w][0] = -turned.normals[w][1];
+    turned.normals[w][1] = x;
+  }
+  struct frame sent = encode(NULL, &turned, NULL, 1e-3);
+  level = decode(&sent);
+  assert_true(worst_angle(&sent, &level.mesh) <= 0.95); /* half a step of 8 bits */
+  assert_true(sent.size > plain.size + turned.wedge_count / 2);
 }
 
 static void base_may_come_in_any_order(void **state) {
@@ -351,6 +424,8 @@ int main(void) {
       cmocka_unit_test(a_step_from_sphere_to_finer_sphere_comes_back),
       cmocka_unit_test(retiled_levels_come_back_one_after_the_other),
       cmocka_unit_test(vertices_of_the_base_may_be_gone_and_parts_may_be_new),
+      cmocka_unit_test(seams_uvs_and_colours_come_back_to_the_bit),
+      cmocka_unit_test(normals_are_left_out_where_the_surface_has_them_and_sent_where_not),
       cmocka_unit_test(base_may_come_in_any_order),
       cmocka_unit_test(decoding_stays_within_the_memory_that_the_header_declares),
       cmocka_unit_test(every_prefix_fails_with_a_sentence),
