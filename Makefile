@@ -77,7 +77,7 @@ help:
 ## make fuzz      fuzz every target for SECONDS=60 each
 ## make install   PREFIX=/usr/local, DESTDIR=
 
-programs: $(B)/lodestreamd $(B)/lodestream
+programs: $(B)/lodestreamd $(B)/lodestream $(B)/clients/native/example
 
 $(B)/libbase.a: $(OBJ_base)
 $(B)/libcore.a: $(OBJ_core)
@@ -97,6 +97,10 @@ $(B)/lodestreamd: $(B)/server/main.o $(B)/libserver.a $(B)/libbase.a
 $(B)/lodestream: $(B)/clients/cli/main.o $(B)/libcli.a $(B)/libworker.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
 	$(say) "LINK $@"
 	$(Q)$(CXX) $(LDFLAGS) -o $@ $^ $(LIBS_tool)
+
+$(B)/clients/native/example: $(B)/clients/native/example.o $(B)/clients/native/lodestream.o $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
+	$(say) "LINK $@"
+	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lm
 
 $(B)/%.o: %.c
 	@mkdir -p $(@D)

@@ -10,7 +10,15 @@
 
 #include "codec/stream/step.h"
 
-enum { PRIORITIES = 8, BALL = 48, FANS = 32, PAIRS = 24, CANDIDATES = 20, DEGREE = 64 /* neighbours of a vertex that are looked at */ };
+enum {
+  PRIORITIES = 8,
+  BALL = 48,
+  BALLS = 512,
+  FANS = 32,
+  PAIRS = 24,
+  CANDIDATES = 20,
+  DEGREE = 64 /* neighbours of a vertex that are looked at */
+};
 
 struct models {
   struct lod_bit_model expected, gone[2], rank[2][CANDIDATES][16][8], near[16][4][4], shape[12][4][4], far[6][6][4];
@@ -21,16 +29,23 @@ struct complex {
   float x, y;
 };
 
+/* Vertices around one, nearest by number of edges first, and where they lie in the plane. Only the connectivity decides. */
+struct ball {
+  uint32_t middle, count; /* middle: LOD_NONE = an empty place */
+  uint32_t vertices[BALL];
+  struct complex plane[BALL];
+  uint8_t hops[BALL];
+  bool laid[BALL];
+};
+
 struct search {
   struct step *step;
   struct models *models;
   uint32_t *queue_next, head[PRIORITIES], tail[PRIORITIES]; /* base vertices by number of neighbours found, first come first served */
   uint8_t *state;                                           /* base vertex: that number, or DONE */
   uint32_t *seen, stamp;                                    /* fine vertex: visited in ball `stamp` */
-  uint32_t ball[BALL];
-  uint8_t hops[BALL];
-  struct complex plane[BALL];
-  bool laid[BALL], used[BALL];
+  struct ball *balls, *ball;                                /* the last ones, by their middle's number; the one in use */
+  bool used[BALL];
   uint32_t *slot;                                  /* fine vertex: place in the ball */
   struct complex closed[FANS + 1], open[FANS + 1]; /* one triangle of so many around a vertex, around half of one */
   uint8_t *has_kept;                               /* component of the finer level */
@@ -46,28 +61,28 @@ static float distance(lod_v4 a, lod_v4 b) {
 
 /* ---- balls ---- */
 
-/* Vertices around v, nearest by number of edges first: at most BALL, at most `hops` away. */
-static uint32_t grow_ball(struct search *f, uint32_t v, int hops) {
+/* At most BALL vertices around v, at most `hops` away. */
+static void grow_ball(struct search *f, struct ball *b, uint32_t v, int hops) {
   const struct lod_adjacency *n = &f->step->adjacency;
   uint32_t count = 0;
-  f->stamp++;
+  b->hops[0] = 0;
   f->seen[v] = f->stamp;
-  f->hops[count] = 0;
   f->slot[v] = 0;
-  f->ball[count++] = v;
-  for (uint32_t i = 0; i < count && f->hops[i] < hops; i++)
-    for (uint32_t k = n->first[f->ball[i]], end = n->first[f->ball[i] + 1]; k < end && count < BALL; k++) {
+  b->vertices[count++] = v;
+  for (uint32_t i = 0; i < count && b->hops[i] < hops; i++) {
+    const uint32_t begin = n->first[b->vertices[i]], degree = n->first[b->vertices[i] + 1] - begin;
+    for (uint32_t k = begin, end = begin + (degree < DEGREE ? degree : DEGREE); k < end && count < BALL; k++) {
       uint32_t u = n->list[k];
-      if (k - n->first[f->ball[i]] == DEGREE)
-        break;
       if (f->seen[u] == f->stamp)
         continue;
       f->seen[u] = f->stamp;
       f->slot[u] = count;
-      f->hops[count] = (uint8_t)(f->hops[i] + 1);
-      f->ball[count++] = u;
+      b->hops[count] = (uint8_t)(b->hops[i] + 1);
+      b->vertices[count++] = u;
     }
-  return count;
+  }
+  b->middle = v;
+  b->count = count;
 }
 
 static void keep(struct search *f, uint32_t base, uint32_t v) {
@@ -125,31 +140,32 @@ static void lay_out_ring(struct search *f, uint32_t v) {
   for (uint32_t i = 0; i < count; i++) {
     const uint32_t *t = s->triangles[h / 3], u = t[(h + 1) % 3], last = t[(h + 2) % 3];
     if (f->seen[u] == f->stamp)
-      f->plane[f->slot[u]] = at, f->laid[f->slot[u]] = true;
+      f->ball->plane[f->slot[u]] = at, f->ball->laid[f->slot[u]] = true;
     at = times(at, step);
     h = opposite[lod_half_edge_previous(h)];
     if (h == LOD_NONE && f->seen[last] == f->stamp)
-      f->plane[f->slot[last]] = at, f->laid[f->slot[last]] = true;
+      f->ball->plane[f->slot[last]] = at, f->ball->laid[f->slot[last]] = true;
     if (h == LOD_NONE || h == start)
       return;
   }
 }
 
 /* The ball in the plane: parallelograms from what is nearer to its middle. */
-static void lay_out(struct search *f, uint32_t count) {
+static void lay_out(struct search *f) {
   const struct step *s = f->step;
   const struct lod_adjacency *n = &s->adjacency;
-  memset(f->laid, 0, sizeof f->laid);
-  f->plane[0] = (struct complex){0, 0};
-  f->laid[0] = true;
-  lay_out_ring(f, f->ball[0]);
+  const uint32_t count = f->ball->count;
+  memset(f->ball->laid, 0, sizeof f->ball->laid);
+  f->ball->plane[0] = (struct complex){0, 0};
+  f->ball->laid[0] = true;
+  lay_out_ring(f, f->ball->vertices[0]);
   for (uint32_t i = 1; i < count; i++) {
-    const uint32_t v = f->ball[i], corners = s->corners.first[v + 1] - s->corners.first[v];
+    const uint32_t v = f->ball->vertices[i], corners = s->corners.first[v + 1] - s->corners.first[v];
     struct complex sum = {0, 0};
     float fans = 0;
-    if (f->laid[i])
+    if (f->ball->laid[i])
       continue;
-    for (uint32_t k = 0; k < corners && k < FANS; k++) {
+    for (uint32_t k = 0; k < corners && k < FANS && fans < 2; k++) {
       uint32_t h = lod_half_edge_next(s->corners.list[s->corners.first[v] + k]), o = s->connectivity.opposite[h];
       if (o == LOD_NONE)
         continue;
@@ -157,24 +173,39 @@ static void lay_out(struct search *f, uint32_t count) {
       if (f->seen[a] != f->stamp || f->seen[b] != f->stamp || f->seen[c] != f->stamp)
         continue;
       a = f->slot[a], b = f->slot[b], c = f->slot[c];
-      if (!f->laid[a] || !f->laid[b] || !f->laid[c])
+      if (!f->ball->laid[a] || !f->ball->laid[b] || !f->ball->laid[c])
         continue;
-      sum.x += f->plane[b].x + f->plane[c].x - f->plane[a].x;
-      sum.y += f->plane[b].y + f->plane[c].y - f->plane[a].y;
+      sum.x += f->ball->plane[b].x + f->ball->plane[c].x - f->ball->plane[a].x;
+      sum.y += f->ball->plane[b].y + f->ball->plane[c].y - f->ball->plane[a].y;
       fans += 1;
     }
     for (uint32_t k = n->first[v]; fans == 0 && k < n->first[v + 1] && k < n->first[v] + DEGREE; k++) { /* farther out than its neighbour */
       uint32_t u = n->list[k];
-      if (f->seen[u] != f->stamp || !f->laid[f->slot[u]])
+      if (f->seen[u] != f->stamp || !f->ball->laid[f->slot[u]])
         continue;
-      float out = 1 + 1 / (float)f->hops[i];
-      sum = (struct complex){f->plane[f->slot[u]].x * out, f->plane[f->slot[u]].y * out};
+      float out = 1 + 1 / (float)f->ball->hops[i];
+      sum = (struct complex){f->ball->plane[f->slot[u]].x * out, f->ball->plane[f->slot[u]].y * out};
       fans = 1;
     }
     if (fans > 0) {
-      f->plane[i] = (struct complex){sum.x / fans, sum.y / fans};
-      f->laid[i] = true;
+      f->ball->plane[i] = (struct complex){sum.x / fans, sum.y / fans};
+      f->ball->laid[i] = true;
     }
+  }
+}
+
+/* The ball around v, laid out: made now, or not long ago. */
+static void use_ball(struct search *f, uint32_t v) {
+  struct ball *b = f->ball = &f->balls[v % BALLS];
+  f->stamp++;
+  if (b->middle != v) {
+    grow_ball(f, b, v, 6);
+    lay_out(f);
+    return;
+  }
+  for (uint32_t i = 0; i < b->count; i++) {
+    f->seen[b->vertices[i]] = f->stamp;
+    f->slot[b->vertices[i]] = i;
   }
 }
 
@@ -344,31 +375,32 @@ static uint32_t gather(struct search *f, uint32_t of, lod_v4 origin, const lod_v
   const struct lod_adjacency *n = &s->base.adjacency;
   for (uint32_t i = n->first[of]; i < n->first[of + 1] && i < n->first[of] + DEGREE && count < PAIRS; i++) {
     uint32_t u = n->list[i], v = s->kept[u];
-    if (v == LOD_NONE || f->seen[v] != f->stamp || !f->laid[f->slot[v]] || f->slot[v] == 0 || f->used[f->slot[v]])
+    if (v == LOD_NONE || f->seen[v] != f->stamp || !f->ball->laid[f->slot[v]] || f->slot[v] == 0 || f->used[f->slot[v]])
       continue;
     f->used[f->slot[v]] = true;
-    pairs[count++] = (struct pair){f->plane[f->slot[v]], unfold(axes, s->base.positions[u] - origin)};
+    pairs[count++] = (struct pair){f->ball->plane[f->slot[v]], unfold(axes, s->base.positions[u] - origin)};
   }
   return count;
 }
 
 static uint32_t find_candidates(struct search *f, uint32_t base, struct candidate candidates[CANDIDATES]) {
   struct step *s = f->step;
-  const uint32_t anchor = find_anchor(f, base), ball = grow_ball(f, s->kept[anchor], 6);
+  const uint32_t anchor = find_anchor(f, base);
   const lod_v4 origin = s->base.positions[anchor];
   lod_v4 axes[2];
   struct pair pairs[PAIRS] = {{{0, 0}, {0, 0}}};
   uint32_t count = 0;
-  lay_out(f, ball);
+  use_ball(f, s->kept[anchor]);
+  const struct ball *ball = f->ball;
   tangents(&s->base, anchor, axes);
   memset(f->used, 0, sizeof f->used);
   const struct complex z = unfold(axes, s->base.positions[base] - origin);
   const struct affine map = fit_map(pairs, gather(f, anchor, origin, axes, pairs, gather(f, base, origin, axes, pairs, 1)), z);
   const float scale = map.a.x * map.a.x + map.a.y * map.a.y + map.b.x * map.b.x + map.b.y * map.b.y, unit = scale > 0 ? 1 / scale : 0;
-  for (uint32_t i = 1; i < ball; i++) {
-    if (s->estimated[f->ball[i]] == 2 || !f->laid[i])
+  for (uint32_t i = 1; i < ball->count; i++) {
+    if (s->estimated[f->ball->vertices[i]] == 2 || !f->ball->laid[i])
       continue;
-    const struct complex w = f->plane[i], c = {w.x, -w.y}, aw = times(map.a, w), bw = times(map.b, c);
+    const struct complex w = f->ball->plane[i], c = {w.x, -w.y}, aw = times(map.a, w), bw = times(map.b, c);
     const float dx = aw.x + bw.x + map.c.x - z.x, dy = aw.y + bw.y + map.c.y - z.y, d = (dx * dx + dy * dy) * unit;
     uint32_t k = count < CANDIDATES ? count++ : CANDIDATES;
     while (k > 0 && d < candidates[k - 1].distance) {
@@ -377,7 +409,7 @@ static uint32_t find_candidates(struct search *f, uint32_t base, struct candidat
       k--;
     }
     if (k < CANDIDATES)
-      candidates[k] = (struct candidate){f->ball[i], d, f->hops[i]};
+      candidates[k] = (struct candidate){f->ball->vertices[i], d, f->ball->hops[i]};
   }
   return count;
 }
@@ -439,16 +471,19 @@ static bool allocate(struct search *f) {
   f->state = LOD_NEW_ZERO(s->scratch, bases, uint8_t);
   f->seen = LOD_NEW_ZERO(s->scratch, vertices, uint32_t);
   f->slot = LOD_NEW(s->scratch, vertices, uint32_t);
+  f->balls = LOD_NEW(s->scratch, BALLS, struct ball);
   f->has_kept = LOD_NEW_ZERO(s->scratch, s->connectivity.component_count, uint8_t);
   s->kept = LOD_NEW(s->scratch, bases, uint32_t);
   s->estimates = LOD_NEW_ZERO(s->scratch, vertices, lod_v4);
   s->estimated = LOD_NEW_ZERO(s->scratch, vertices, uint8_t);
   memset(f->head, 0xff, sizeof f->head);
   memset(f->tail, 0xff, sizeof f->tail);
-  if (f->models == NULL || f->queue_next == NULL || f->state == NULL || f->seen == NULL || f->slot == NULL || f->has_kept == NULL ||
-      s->kept == NULL || s->estimates == NULL || s->estimated == NULL)
+  if (f->models == NULL || f->queue_next == NULL || f->state == NULL || f->seen == NULL || f->slot == NULL || f->balls == NULL ||
+      f->has_kept == NULL || s->kept == NULL || s->estimates == NULL || s->estimated == NULL)
     return false;
   memset(s->kept, 0xff, (size_t)bases * sizeof *s->kept);
+  for (int i = 0; i < BALLS; i++)
+    f->balls[i].middle = LOD_NONE;
   for (int i = 1; i <= FANS; i++) {
     f->closed[i] = turn(6.283185307179586 / i);
     f->open[i] = turn(3.141592653589793 / i);

@@ -104,3 +104,29 @@ test('decoded steps are the level to the bit', async () => {
   await assert.rejects(run(tool, ['decode', file(`${to}.glb`), file('rest.bin'), '-o', file('c.ply')]), /wrong-base/);
 });
 
+
+test('native client draws every level as it arrives, and a morph that begins and ends at levels', async () => {
+  const to = reach();
+  const { body } = await daemon.curl(`/v1/models/ball/delta?family=retile&to=${to}`);
+  const example = (bytes) => new Promise((resolve) => {
+    const child = execFile(path.join(build, 'clients/native/example'), [file('drawn'), '0', '0.5', '1'], (error, out, err) => resolve({ error, out, err }));
+    child.stdin.on('error', () => {});
+    child.stdin.end(bytes);
+  });
+  const { error, out } = await example(body);
+  assert.equal(error, null);
+  assert.equal(out.trim().split('\n').length, to + 1);
+  const same = async (a, b) => {
+    const facts = JSON.parse((await run(tool, ['measure', file(a), file(b), '--json'])).stdout);
+    assert.ok(facts.upper <= 1e-6 * facts.diagonal, `${a} ${b} ${JSON.stringify(facts)}`);
+  };
+  await same('drawn-1-0.ply', 'drawn-0.ply');
+  await same('drawn-1-1.ply', 'drawn-1.ply');
+  const cut = await example(body.subarray(0, body.length - 3));
+  assert.match(cut.err, /picture stays at level/);
+  const bad = Buffer.from(body);
+  bad[body.length - 3] ^= 4;
+  const broken = await example(bad);
+  assert.equal(broken.error.code, 1);
+  assert.match(broken.err, /damaged/);
+});
