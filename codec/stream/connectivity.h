@@ -18,8 +18,8 @@ static inline uint32_t lod_half_edge_previous(uint32_t h) {
   return h % 3 == 0 ? h + 2 : h - 1;
 }
 
-/* A mesh cut until it is an oriented manifold with boundary: along edges that do not have exactly two triangles running opposite ways, and
- * at vertices with several fans. */
+/* A mesh cut until it is an oriented manifold with boundary: at edges with more than two triangles, where those that run opposite ways stay
+ * together in pairs and the rest is cut off, and at vertices with several fans. */
 struct lod_cut {
   uint32_t triangle_count, vertex_count; /* vertex_count: of the cut mesh, each copy one */
   const uint32_t (*triangles)[3];        /* as given */

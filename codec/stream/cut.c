@@ -45,9 +45,15 @@ static enum lod_status glue(const uint32_t (*triangles)[3], uint32_t triangle_co
       if (!((c == a && d == b) || (c == b && d == a)))
         break;
     }
-    if (end == i + 2 && flat[sorted[i + 1]] == b) { /* exactly two, running opposite ways */
-      opposite[h] = sorted[i + 1];
-      opposite[sorted[i + 1]] = h;
+    for (size_t forth = i, back = i;; forth++, back++) { /* those that run opposite ways in pairs, as they come */
+      while (forth < end && flat[sorted[forth]] != a)
+        forth++;
+      while (back < end && flat[sorted[back]] != b)
+        back++;
+      if (forth == end || back == end)
+        break;
+      opposite[sorted[forth]] = sorted[back];
+      opposite[sorted[back]] = sorted[forth];
     }
   }
   return LOD_OK;

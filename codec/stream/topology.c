@@ -5,8 +5,8 @@
 #include "codec/stream/step.h"
 
 struct models {
-  struct lod_bit_model welded[2][2], weld_sign, is_new[4], same_group[2], thick;
-  struct lod_number_model weld, end, group[2];
+  struct lod_bit_model welded[2][2], near, is_new[4], same_group[2], thick;
+  struct lod_number_model rank, end, group[2];
   struct lod_bit_model sign[2];
 };
 
@@ -18,39 +18,121 @@ static void mark_border(const struct lod_connectivity *c, uint8_t *border) {
       border[c->triangles[h / 3][h % 3]] = border[c->triangles[h / 3][(h + 1) % 3]] = 1;
 }
 
+/* What a copy may be welded to: vertices beside those that its first triangle has already. */
+struct welding {
+  struct lod_adjacency corners; /* copy -> its 3 t + i in the cut mesh */
+  uint32_t *creator;            /* copy -> the triangle that made it */
+  uint32_t *final;              /* copy -> vertex */
+  uint32_t *latest, *earlier;   /* vertex -> its last copy -> the one before, or LOD_NONE */
+};
+enum { NEAR_WELDS = 24 };
+
+static enum lod_status open_welding(struct step *s, struct welding *w) {
+  const struct lod_connectivity *c = &s->connectivity;
+  const uint32_t half_edges = 3 * c->triangle_count;
+  w->corners.first = LOD_NEW_ZERO(s->scratch, (size_t)c->vertex_count + 2, uint32_t);
+  w->corners.list = LOD_NEW(s->scratch, half_edges, uint32_t);
+  w->creator = LOD_NEW(s->scratch, c->vertex_count, uint32_t);
+  w->latest = LOD_NEW(s->scratch, c->vertex_count, uint32_t);
+  w->earlier = LOD_NEW(s->scratch, c->vertex_count, uint32_t);
+  if (w->corners.first == NULL || w->corners.list == NULL || w->creator == NULL || w->latest == NULL || w->earlier == NULL)
+    return LOD_MEMORY;
+  for (uint32_t h = 0; h < half_edges; h++)
+    w->corners.first[c->triangles[h / 3][h % 3] + 2]++;
+  for (uint32_t v = 0; v < c->vertex_count; v++)
+    w->corners.first[v + 2] += w->corners.first[v + 1];
+  for (uint32_t h = half_edges; h-- > 0;)
+    w->creator[c->triangles[h / 3][h % 3]] = h / 3;
+  for (uint32_t h = 0; h < half_edges; h++)
+    w->corners.list[w->corners.first[c->triangles[h / 3][h % 3] + 1]++] = h;
+  memset(w->latest, 0xff, (size_t)c->vertex_count * sizeof *w->latest);
+  return LOD_OK;
+}
+
+/* Vertices that lie across edges at the corners that copy v's first triangle shares with earlier ones. */
+static uint32_t near_welds(const struct step *s, const struct welding *w, uint32_t v, uint32_t near[NEAR_WELDS]) {
+  const struct lod_connectivity *c = &s->connectivity;
+  const uint32_t *t = c->triangles[w->creator[v]];
+  uint32_t count = 0, looked = 0;
+  for (int i = 0; i < 3; i++) {
+    if (t[i] >= v)
+      continue;
+    for (uint32_t copy = w->latest[w->final[t[i]]]; copy != LOD_NONE; copy = w->earlier[copy])
+      for (uint32_t k = w->corners.first[copy]; k < w->corners.first[copy + 1]; k++)
+        for (uint32_t e = 1; e < 3; e++) {
+          const uint32_t h = w->corners.list[k], other = c->triangles[h / 3][(h % 3 + e) % 3];
+          if (count == NEAR_WELDS || ++looked > 40 * NEAR_WELDS)
+            return count;
+          if (other >= v)
+            continue;
+          uint32_t vertex = w->final[other], known = 0;
+          for (int n = 0; n < 3; n++) /* not one of the triangle's own */
+            known += t[n] < v && w->final[t[n]] == vertex;
+          for (uint32_t n = 0; n < count && known == 0; n++)
+            known = near[n] == vertex;
+          if (known == 0)
+            near[count++] = vertex;
+        }
+  }
+  return count;
+}
+
+static uint32_t code_weld(struct step *s, struct models *m, const struct welding *w, uint32_t v, uint32_t count, uint32_t known) {
+  uint32_t near[NEAR_WELDS], rank = 0;
+  const uint32_t nears = near_welds(s, w, v, near);
+  while (rank < nears && near[rank] != known)
+    rank++;
+  if (nears > 0 && lod_coder_bit(&s->coder, &m->near, LOD_ADAPT, rank < nears)) {
+    rank = lod_coder_number(&s->coder, &m->rank, rank);
+    return rank < nears ? near[rank] : LOD_NONE;
+  }
+  int bits = 0;
+  while (bits < 32 && (uint64_t)count > (uint64_t)1 << bits)
+    bits++;
+  return lod_coder_raw(&s->coder, known, bits);
+}
+
 static enum lod_status code_welds(struct step *s, struct models *m, uint32_t *final) {
   const struct lod_connectivity *c = &s->connectivity;
   const uint32_t welds = c->vertex_count - (s->header.vertices - s->loose);
-  uint32_t count = 0, last = 0, left = welds;
+  uint32_t count = 0, left = welds;
   bool again = false;
+  struct welding w = {.final = final};
   uint8_t *border = welds != 0 ? LOD_NEW_ZERO(s->scratch, c->vertex_count, uint8_t) : NULL;
   if (welds != 0 && border == NULL)
     return LOD_MEMORY;
-  if (welds != 0)
+  if (welds != 0) {
     mark_border(c, border);
+    LOD_TRY(open_welding(s, &w));
+  }
   for (uint32_t v = 0; v < c->vertex_count; v++) {
     uint32_t fine = LOD_NONE, known = LOD_NONE;
+    if (lod_coder_overrun(&s->coder))
+      return lod_step_bad(s, "welds");
     if (s->request != NULL) {
       fine = s->cut.uncut[c->source_vertices[v]];
       known = s->target[fine];
     }
     again = left > 0 && count > 0 && lod_coder_bit(&s->coder, &m->welded[border[v]][again], LOD_ADAPT, known != LOD_NONE);
     if (again) {
-      last += (uint32_t)lod_coder_signed(&s->coder, &m->weld, &m->weld_sign, (int32_t)(known - last));
-      if (last >= count)
-        return lod_step_bad(s, "welds");
-      final[v] = last;
+      final[v] = code_weld(s, m, &w, v, count, known);
       left--;
-      continue;
+      if (final[v] >= count)
+        return lod_step_bad(s, "welds");
+    } else {
+      if (count == s->header.vertices - s->loose)
+        return lod_step_bad(s, "welds");
+      if (s->request != NULL) {
+        s->target[fine] = count;
+        s->source[count] = fine;
+      }
+      s->component[count] = c->component[v];
+      final[v] = count++;
     }
-    if (count == s->header.vertices - s->loose)
-      return lod_step_bad(s, "welds");
-    if (s->request != NULL) {
-      s->target[fine] = count;
-      s->source[count] = fine;
+    if (welds != 0) {
+      w.earlier[v] = w.latest[final[v]];
+      w.latest[final[v]] = v;
     }
-    s->component[count] = c->component[v];
-    final[v] = count++;
   }
   return count == s->header.vertices - s->loose ? LOD_OK : lod_step_bad(s, "welds");
 }
