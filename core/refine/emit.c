@@ -125,6 +125,12 @@ static void put_leaf(struct emission *m, const struct face *face, const struct c
     const struct corner *across = &corners[(first + 2) % 3];
     put(m, face, &corners[first], &middle, across, true);
     put(m, face, &middle, &corners[(first + 1) % 3], across, true);
+  } else if (count == 3) { /* Fig. 1 c: children of it were merged while its neighbours stayed */
+    struct corner m0 = middle_of(r, face, 0, corners), m1 = middle_of(r, face, 1, corners), m2 = middle_of(r, face, 2, corners);
+    put(m, face, &corners[0], &m0, &m2, true);
+    put(m, face, &m0, &corners[1], &m1, true);
+    put(m, face, &m2, &m1, &corners[2], true);
+    put(m, face, &m1, &m2, &m0, true);
   } else {
     int i = (idle + 1) % 3, j = (idle + 2) % 3; /* the active ones, in order; they meet in corner j */
     struct corner mi = middle_of(r, face, i, corners), mj = middle_of(r, face, j, corners);
@@ -225,6 +231,7 @@ static void fill_vertices(struct emission *m, uint32_t count) {
     else
       lod_vec3_to_float(refine_position(r, from, m->level[v]), p);
     const struct vertex *vertex = &r->vertices[from];
+    m->out->ids[v] = from;
     for (int k = 0; k < 2; k++)
       m->out->parents[v][k] = vertex->level == 0 ? v : m->wedges[r->tickets[r->edges[vertex->origin].v[k]].wedge].vertex;
   }
@@ -239,6 +246,7 @@ static uint32_t free_vertex(struct emission *m, uint32_t base_vertex) {
     *ticket = (struct ticket){m->r->epoch - 1, m->out->mesh.vertex_count++};
     memcpy(m->out->mesh.positions[ticket->wedge], m->r->base.mesh.positions[base_vertex], sizeof(float[3]));
     m->out->parents[ticket->wedge][0] = m->out->parents[ticket->wedge][1] = ticket->wedge;
+    m->out->ids[ticket->wedge] = LOD_NONE;
   }
   return ticket->wedge;
 }
@@ -278,6 +286,7 @@ static bool make_room(struct emission *m) {
   out->mesh.corners = lod_arena_alloc(m->arena, triangles, sizeof *out->mesh.corners);
   out->mesh.positions = lod_arena_alloc(m->arena, vertices, sizeof *out->mesh.positions);
   out->parents = lod_arena_alloc(m->arena, vertices, sizeof *out->parents);
+  out->ids = LOD_NEW(m->arena, vertices, uint32_t);
   out->base = LOD_NEW(m->arena, triangles, uint32_t);
   out->levels = LOD_NEW(m->arena, triangles, uint8_t);
   out->green = LOD_NEW(m->arena, triangles, bool);
@@ -286,7 +295,8 @@ static bool make_room(struct emission *m) {
   m->origin = LOD_NEW(m->scratch, vertices, uint32_t);
   m->level = LOD_NEW(m->scratch, vertices, uint8_t);
   return out->mesh.triangles != NULL && out->mesh.corners != NULL && out->mesh.positions != NULL && out->parents != NULL &&
-         out->base != NULL && out->levels != NULL && out->green != NULL && m->wedges != NULL && m->origin != NULL && m->level != NULL;
+         out->ids != NULL && out->base != NULL && out->levels != NULL && out->green != NULL && m->wedges != NULL && m->origin != NULL &&
+         m->level != NULL;
 }
 
 static bool emit(struct emission *m) {

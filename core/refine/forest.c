@@ -254,7 +254,7 @@ static bool split_beside(struct lod_refiner *r, uint32_t up, uint32_t but) {
   return true;
 }
 
-/* No leaf keeps three finer neighbours. */
+/* A leaf with three finer neighbours looks as if it were split: it is, so that interest may go on in it. */
 static bool settle_beside(struct lod_refiner *r, uint32_t e, uint32_t but) {
   uint32_t s = e;
   do {
@@ -310,18 +310,10 @@ bool lod_refiner_merge(struct lod_refiner *r, uint32_t f) {
   for (uint32_t k = 0; k < 4; k++)
     if (r->faces[face->child + k].split)
       return false;
-  uint32_t still = 0; /* edges whose middle stays drawn without f */
-  for (int i = 0; i < 3; i++) {
-    uint32_t e = face->e[i];
+  for (int i = 0; i < 3; i++)
     for (uint32_t k = 0; k < 2; k++)
-      if (refine_edge_active(r, r->edges[e].child + k))
+      if (refine_edge_active(r, r->edges[face->e[i]].child + k))
         return false;
-    r->edges[e].active--;
-    still += refine_edge_active(r, e);
-    r->edges[e].active++;
-  }
-  if (still == 3)
-    return false;
   close_face(r, f);
   return true;
 }
@@ -459,8 +451,6 @@ static bool check_leaf(const struct lod_refiner *r, uint32_t f, uint32_t *triang
   for (int i = 0; i < 3; i++)
     if (refine_edge_active(r, face->e[i]) != (face->active >> i & 1))
       return false;
-  if (active == 3)
-    return false;
   for (int i = 0; i < 3; i++) {
     const struct edge *e = &r->edges[face->e[i]];
     if (e->f[e->v[0] == face->v[i] ? 0 : 1] != f)

@@ -68,10 +68,12 @@ uint32_t lod_refiner_face_base(const struct lod_refiner *refiner, uint32_t face)
 /* The first of a split face's four, which are neighbours in number; LOD_NONE when it is not split. */
 uint32_t lod_refiner_face_children(const struct lod_refiner *refiner, uint32_t face);
 
-/* Splits a leaf and, so that neighbours differ by at most one level and no leaf has three finer neighbours, what has to be split with it.
+/* Splits a leaf and, so that neighbours differ by at most one level, what has to be split with it; a leaf that comes to have three finer
+ * neighbours is split too, since it looks so.
  * False, and nothing changed: it is not a leaf, is at LOD_REFINE_MAX_LEVEL, or memory is out (then every later call fails). */
 bool lod_refiner_split(struct lod_refiner *refiner, uint32_t face);
-/* Takes the four children of `face` away. False, and nothing changed: they are not all leaves, or a neighbour needs them. */
+/* Takes the four children of `face` away. False, and nothing changed: they are not all leaves, or a neighbour two levels finer needs them.
+ * Where all three neighbours stay finer it goes on looking as if split (paper, Fig. 1 c). */
 bool lod_refiner_merge(struct lod_refiner *refiner, uint32_t face);
 
 /* Memory ran out in some call: only reset of nothing, only destroy is left. */
@@ -89,6 +91,7 @@ struct lod_refine_output {
   /* Where a vertex that is new at some level comes from, for morphing it in: the ends of its edge as output vertices; a base vertex: twice
    * itself. parents[v] are drawn whenever v is. */
   uint32_t (*parents)[2];
+  uint32_t *ids; /* vertex_count; the same for the same vertex as long as the refiner lives; free edges' own vertices: LOD_NONE */
 };
 
 /* The drawn mesh in `arena`, the same bytes whatever was drawn before: triangles in the order of the base, children in theirs. It has

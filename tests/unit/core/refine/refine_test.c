@@ -241,6 +241,33 @@ static void test_splits_and_merges_keep_every_promise(void **state) {
   lod_arena_destroy(arena);
 }
 
+static void test_a_closed_surface_split_everywhere_can_be_merged_again(void **state) {
+  (void)state;
+  struct lod_arena *arena = arena_of();
+  struct lod_mesh base = lod_shape_sphere(arena, 1, 1);
+  struct lod_refiner *refiner = refiner_of(arena, &base, NULL);
+  split_everything(refiner, &base, 2);
+  for (uint32_t level = 2; level-- > 0;)
+    for (uint32_t t = 0; t < base.triangle_count; t++) {
+      uint32_t f = lod_refiner_base_face(refiner, t);
+      if (level == 0) {
+        assert_true(lod_refiner_merge(refiner, f));
+      } else {
+        for (uint32_t k = 0; k < 4; k++)
+          assert_true(lod_refiner_merge(refiner, lod_refiner_face_children(refiner, f) + k));
+      }
+      assert_true(lod_refiner_check(refiner));
+      struct lod_refine_output output = mesh_of(refiner, arena);
+      struct lod_topology topology;
+      assert_int_equal(output.mesh.triangle_count, lod_refiner_triangles(refiner));
+      assert_int_equal(lod_topology_measure(&output.mesh, NULL, arena, &topology), LOD_OK);
+      assert_true(topology.closed && topology.manifold && topology.euler == 2);
+    }
+  assert_int_equal(lod_refiner_triangles(refiner), base.triangle_count);
+  lod_refiner_destroy(refiner);
+  lod_arena_destroy(arena);
+}
+
 static void test_no_crack_opens_where_levels_meet(void **state) {
   (void)state;
   struct lod_arena *arena = arena_of();
@@ -482,6 +509,7 @@ int main(void) {
       cmocka_unit_test(test_refined_areas_equal_uniform_subdivision_bit_for_bit),
       cmocka_unit_test(test_all_of_a_level_is_uniform_subdivision),
       cmocka_unit_test(test_splits_and_merges_keep_every_promise),
+      cmocka_unit_test(test_a_closed_surface_split_everywhere_can_be_merged_again),
       cmocka_unit_test(test_no_crack_opens_where_levels_meet),
       cmocka_unit_test(test_patches_that_touch_do_not_crack),
       cmocka_unit_test(test_limit_positions_and_normals_are_where_subdivision_goes),

@@ -1,0 +1,453 @@
+/* Refinement: the paper's row in kind, the rates of splitting, and the time from request to last byte.
+ * Arguments: [-p FOLDER] (pictures like the paper's Figures 3, 4, 5, 9, 10) [-c CLIENTS] [-n REQUESTS a client]; -n 0 leaves the daemon
+ * out. The model is spot of the shared data simplified to about 902 triangles by meshoptimizer, or a torus of 896 where there is none.
+ * Times of computing are processor time with memory warm; times of requests are wall time, with the machine's load said. */
+#include <curl/curl.h>
+#include <malloc.h>
+#include <math.h>
+#include <meshoptimizer.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "codec/export/picture.h"
+#include "codec/export/ply.h"
+#include "codec/export/png.h"
+#include "core/mesh/adjacency.h"
+#include "core/refine/doi.h"
+#include "tests/data/ply.h"
+#include "tests/data/shapes.h"
+
+static double seconds(clockid_t clock) {
+  struct timespec t;
+  clock_gettime(clock, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void must(bool good, const char *what) {
+  if (!good) {
+    fprintf(stderr, "refine_bench: %s\n", what);
+    exit(1);
+  }
+}
+
+static const char *picture_folder;
+
+/* ---- the model ---- */
+
+static struct lod_mesh simplified(const struct lod_mesh *mesh, uint32_t triangles, struct lod_arena *arena) {
+  struct lod_mesh coarse = *mesh, welded;
+  coarse.triangles = lod_arena_alloc(arena, mesh->triangle_count, sizeof *coarse.triangles);
+  coarse.triangle_count =
+      (uint32_t)(meshopt_simplify(coarse.triangles[0], mesh->triangles[0], 3 * (size_t)mesh->triangle_count, mesh->positions[0],
+                                  mesh->vertex_count, sizeof *mesh->positions, 3 * (size_t)triangles, 1, 0, NULL) /
+                 3);
+  must(lod_mesh_weld(&coarse, arena, &welded, NULL) == LOD_OK, "out of memory");
+  return welded;
+}
+
+static struct lod_mesh model(struct lod_arena *arena, const char **name) {
+  char path[1024];
+  struct lod_mesh file, welded;
+  snprintf(path, sizeof path, "%s/models/scans/spot.ply", lod_shared_folder() != NULL ? lod_shared_folder() : ".");
+  if (lod_ply_read(path, arena, &file) && lod_mesh_weld(&file, arena, &welded, NULL) == LOD_OK) {
+    *name = "spot, simplified";
+    return simplified(&welded, 902, arena);
+  }
+  *name = "torus";
+  return lod_shape_torus(arena, 2, 0.8, 32, 14);
+}
+
+/* ---- outlines ---- */
+
+struct segment {
+  double a[2], b[2];
+};
+struct outline {
+  struct segment *list;
+  uint32_t count;
+  struct lod_mesh lines; /* the same, in space, as free edges */
+};
+
+static double facing(const struct lod_mesh *mesh, uint32_t t, struct lod_vec3 view) {
+  struct lod_vec3 p[3];
+  for (int k = 0; k < 3; k++)
+    p[k] = lod_vec3_from_float(mesh->positions[mesh->triangles[t][k]]);
+  return lod_vec3_dot(lod_vec3_cross(lod_vec3_subtract(p[1], p[0]), lod_vec3_subtract(p[2], p[0])), view);
+}
+
+/* Edges between front and back, as seen along -view: projected square to it. */
+static struct outline outline_of(const struct lod_mesh *mesh, struct lod_vec3 view, struct lod_vec3 right, struct lod_vec3 up,
+                                 struct lod_arena *arena) {
+  struct outline outline = {.list = LOD_NEW(arena, mesh->triangle_count * 3 + 1, struct segment)};
+  struct lod_adjacency adjacency;
+  must(outline.list != NULL && lod_adjacency_create(mesh, arena, &adjacency) == LOD_OK, "out of memory");
+  outline.lines = (struct lod_mesh){.vertex_count = mesh->vertex_count, .positions = mesh->positions};
+  outline.lines.edges = lod_arena_alloc(arena, mesh->triangle_count * 3 + 1, sizeof *outline.lines.edges);
+  for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) {
+    uint32_t twin = adjacency.twin[h];
+    if (twin == LOD_NONE || h > twin || (facing(mesh, h / 3, view) >= 0) == (facing(mesh, twin / 3, view) >= 0))
+      continue;
+    uint32_t ends[2] = {lod_half_edge_start(mesh, h), lod_half_edge_end(mesh, h)};
+    struct lod_vec3 p = lod_vec3_from_float(mesh->positions[ends[0]]), q = lod_vec3_from_float(mesh->positions[ends[1]]);
+    memcpy(outline.lines.edges[outline.count], ends, sizeof ends);
+    outline.list[outline.count++] =
+        (struct segment){{lod_vec3_dot(p, right), lod_vec3_dot(p, up)}, {lod_vec3_dot(q, right), lod_vec3_dot(q, up)}};
+  }
+  outline.lines.edge_count = outline.count;
+  return outline;
+}
+
+static double to_segment(const double p[2], const struct segment *s) {
+  double dx = s->b[0] - s->a[0], dy = s->b[1] - s->a[1], l = dx * dx + dy * dy;
+  double t = l > 0 ? ((p[0] - s->a[0]) * dx + (p[1] - s->a[1]) * dy) / l : 0;
+  t = fmin(1, fmax(0, t));
+  return hypot(p[0] - s->a[0] - t * dx, p[1] - s->a[1] - t * dy);
+}
+
+/* Largest distance of nine points a segment of `from` to `to`: a sample, so a lower bound. */
+static double one_way(const struct outline *from, const struct outline *to) {
+  double worst = 0;
+  for (uint32_t i = 0; i < from->count; i++)
+    for (int k = 0; k <= 8; k++) {
+      const struct segment *s = &from->list[i];
+      double p[2] = {s->a[0] + (s->b[0] - s->a[0]) * k / 8, s->a[1] + (s->b[1] - s->a[1]) * k / 8}, best = INFINITY;
+      for (uint32_t j = 0; j < to->count && best > worst; j++)
+        best = fmin(best, to_segment(p, &to->list[j]));
+      worst = fmax(worst, best);
+    }
+  return worst;
+}
+
+/* ---- pictures ---- */
+
+static void draw(const char *name, const struct lod_mesh *mesh, bool wires) {
+  struct lod_picture_settings settings = lod_picture_defaults();
+  struct lod_picture picture;
+  struct lod_arena *arena = lod_arena_create(0);
+  char path[1024];
+  settings.yaw_degrees = 0;
+  settings.pitch_degrees = 0;
+  settings.wireframe = wires;
+  snprintf(path, sizeof path, "%s/%s.png", picture_folder, name);
+  must(lod_picture_render(mesh, 1, &settings, arena, &picture, NULL) == LOD_OK, "no picture");
+  FILE *file = fopen(path, "wb");
+  must(file != NULL && lod_png_write(&picture, file, NULL) == LOD_OK && fclose(file) == 0, path);
+  lod_arena_destroy(arena);
+}
+
+static void draw_outline(const char *name, struct outline *outline, double thickness, struct lod_arena *arena) {
+  outline->lines.edge_thickness = LOD_NEW(arena, outline->count, float);
+  for (uint32_t i = 0; i < outline->count; i++)
+    outline->lines.edge_thickness[i] = (float)thickness;
+  draw(name, &outline->lines, false);
+}
+
+/* ---- the paper's row ---- */
+
+static void paper(const struct lod_mesh *base, const char *name, struct lod_arena *arena) {
+  static const struct {
+    const char *name, *paper, *file;
+    enum lod_doi_kind kind;
+  } kRows[] = {{"uniform, 3 steps", "57 728", "figure5-full", LOD_DOI_UNIFORM},
+               {"face angle 20 degrees", "26 872", "figure3a", LOD_DOI_FACE_ANGLE},
+               {"silhouette edges", "11 188", "figure3b", LOD_DOI_SILHOUETTE},
+               {"cone of limit normals", "-", "cone", LOD_DOI_CONE},
+               {"static 30 degrees", "4 532", "figure4", LOD_DOI_DIHEDRAL}};
+  struct lod_bounds bounds = lod_mesh_bounds(base);
+  double diagonal = lod_bounds_diagonal(&bounds);
+  struct lod_vec3 view = {0, 0, 1}, right = {1, 0, 0}, up = {0, 1, 0};
+  struct outline full = {0};
+  printf("%s: %u triangles (the paper: 902), seen from the front\n", name, base->triangle_count);
+  printf("%-24s %9s %8s %9s   outline's distance to the full one's, %% of the diagonal\n", "", "triangles", "of base", "paper");
+  for (int scheme = 0; scheme < 2; scheme++)
+    for (size_t i = 0; i < sizeof kRows / sizeof *kRows; i++) {
+      struct lod_doi_term term = lod_doi_term_defaults(kRows[i].kind);
+      term.view.parallel = true;
+      struct lod_doi doi = {.terms = &term, .term_count = 1};
+      struct lod_refine_limits limits = lod_refine_limits_defaults();
+      struct lod_refine_settings settings = lod_refine_defaults();
+      struct lod_refine_output output;
+      struct lod_refiner *refiner;
+      settings.positions = scheme == 0 ? LOD_REFINE_LIMIT : LOD_REFINE_LEVEL;
+      must(lod_refiner_create(base, &settings, arena, &refiner, NULL) == LOD_OK &&
+               lod_refine_run(refiner, &doi, &limits, NULL, NULL) == LOD_OK && lod_refiner_mesh(refiner, arena, &output) == LOD_OK,
+           "no refinement");
+      struct outline outline = outline_of(&output.mesh, view, right, up, arena);
+      if (i == 0)
+        full = outline;
+      printf("%-24s %9u %7.2fx %9s   %.4f%s\n", kRows[i].name, output.mesh.triangle_count,
+             (double)output.mesh.triangle_count / base->triangle_count, kRows[i].paper,
+             100 * fmax(one_way(&outline, &full), one_way(&full, &outline)) / diagonal, i == 0 && scheme == 1 ? "  (level positions)" : "");
+      must(i != 0 || output.mesh.triangle_count == 64 * base->triangle_count, "three uniform steps are not 64 times");
+      if (picture_folder != NULL && scheme == 0) {
+        char file[64];
+        draw(kRows[i].file, &output.mesh, true);
+        snprintf(file, sizeof file, "figure5-outline-%s", kRows[i].file);
+        draw_outline(file, &outline, 0.004 * diagonal, arena);
+      }
+      lod_refiner_destroy(refiner);
+    }
+  struct outline before = outline_of(base, view, right, up, arena);
+  printf("%-24s %9u %7.2fx %9s   %.4f\n", "the base itself", base->triangle_count, 1.0, "902",
+         100 * fmax(one_way(&before, &full), one_way(&full, &before)) / diagonal);
+}
+
+/* Figures 9 and 10: patches that join, and an object in focus among others. */
+static void figures(struct lod_arena *arena) {
+  struct lod_mesh bone = lod_shape_tube(arena, 0.35, 3, 9, 5);
+  for (uint32_t v = 0; v < bone.vertex_count; v++) { /* along y, with a knob at one end */
+    float *p = bone.positions[v], z = p[2];
+    float knob = z > 1 ? 1.9f : 1 + 0.1f * z * z;
+    p[2] = p[1] * knob;
+    p[0] *= knob;
+    p[1] = z;
+  }
+  struct lod_mesh arm = lod_shape_tube(arena, 0.5, 4, 12, 8), ring = lod_shape_torus(arena, 0.62, 0.12, 14, 7),
+                  ball = lod_shape_sphere(arena, 0.8, 1);
+  struct lod_mesh two = lod_shape_join(arena, &arm, &ring, (const double[]){0, 0, 0.8});
+  struct lod_mesh all = lod_shape_join(arena, &two, &ball, (const double[]){0, 0, -2.4});
+  all.parts = LOD_NEW_ZERO(arena, all.triangle_count, uint32_t);
+  for (uint32_t t = 0; t < all.triangle_count; t++)
+    all.parts[t] = t < arm.triangle_count ? 0 : t < arm.triangle_count + ring.triangle_count ? 1 : 2;
+  for (uint32_t v = 0; v < all.vertex_count; v++) { /* lying along x */
+    float *p = all.positions[v], z = p[2];
+    p[2] = -p[0];
+    p[0] = z;
+  }
+  struct lod_doi_object bracelet;
+  must(lod_doi_object_of_part(&all, 1, false, arena, &bracelet, NULL) == LOD_OK, "no bracelet");
+  for (int figure = 9; figure <= 10; figure++) {
+    struct lod_doi_term term = lod_doi_term_defaults(figure == 9 ? LOD_DOI_CLOUGH_TOCHER : LOD_DOI_FOCUS);
+    term.objects = &bracelet;
+    term.object_count = 1;
+    term.falloff = 2.2;
+    term.threshold = 1.5;
+    struct lod_doi doi = {.terms = &term, .term_count = 1};
+    struct lod_refine_limits limits = lod_refine_limits_defaults();
+    struct lod_refiner *refiner;
+    struct lod_refine_output output;
+    must(lod_refiner_create(figure == 9 ? &bone : &all, NULL, arena, &refiner, NULL) == LOD_OK &&
+             lod_refine_run(refiner, &doi, &limits, NULL, NULL) == LOD_OK && lod_refiner_mesh(refiner, arena, &output) == LOD_OK,
+         "no refinement");
+    draw(figure == 9 ? "figure9" : "figure10", &output.mesh, true);
+    lod_refiner_destroy(refiner);
+  }
+}
+
+/* ---- rates ---- */
+
+static void uniform_rate(void) {
+  printf("\nuniform, positions on the limit, one thread (aim: 15 M output vertices/s)\n");
+  for (int round = 0; round < 4; round++) {
+    struct lod_arena *arena = lod_arena_create(0);
+    struct lod_mesh base = lod_shape_torus(arena, 2, 0.5, 30, 15), mesh;
+    double start = seconds(CLOCK_PROCESS_CPUTIME_ID);
+    must(lod_refine_uniform(&base, NULL, 5, UINT64_MAX, arena, &mesh, NULL) == LOD_OK, "out of memory");
+    double took = seconds(CLOCK_PROCESS_CPUTIME_ID) - start;
+    printf("  %s %u vertices: %.1f M/s\n", round == 0 ? "memory cold," : "memory warm,", mesh.vertex_count,
+           1e-6 * mesh.vertex_count / took);
+    lod_arena_destroy(arena);
+  }
+}
+
+static uint32_t split_level(struct lod_refiner *refiner, uint32_t face, uint32_t level) {
+  uint32_t child = lod_refiner_face_children(refiner, face), count = 0;
+  if (child == LOD_NONE)
+    return lod_refiner_face_level(refiner, face) == level && lod_refiner_split(refiner, face);
+  for (uint32_t k = 0; k < 4; k++)
+    count += split_level(refiner, child + k, level);
+  return count;
+}
+static uint32_t merge_level(struct lod_refiner *refiner, uint32_t face, uint32_t level) {
+  uint32_t child = lod_refiner_face_children(refiner, face), count = 0;
+  if (child == LOD_NONE)
+    return 0;
+  if (lod_refiner_face_level(refiner, face) == level)
+    return lod_refiner_merge(refiner, face);
+  for (uint32_t k = 0; k < 4; k++)
+    count += merge_level(refiner, child + k, level);
+  return count;
+}
+
+static void split_rate(struct lod_arena *arena) {
+  struct lod_mesh base = lod_shape_torus(arena, 2, 0.5, 30, 15);
+  printf("\nsplits and merges, one thread (aim: 3 M/s); half of a torus of %u triangles, 4 levels down and up again\n",
+         base.triangle_count);
+  for (int life = 0; life < 2; life++) {
+    struct lod_refiner *refiner;
+    must(lod_refiner_create(&base, NULL, arena, &refiner, NULL) == LOD_OK, "out of memory");
+    for (int round = 0; round < 3; round++) {
+      uint32_t splits = 0, merges = 0;
+      double start = seconds(CLOCK_PROCESS_CPUTIME_ID);
+      for (uint32_t level = 0; level < 4; level++)
+        for (uint32_t f = 0; f < base.triangle_count / 2; f++)
+          splits += split_level(refiner, lod_refiner_base_face(refiner, f), level);
+      double middle = seconds(CLOCK_PROCESS_CPUTIME_ID);
+      for (uint32_t level = 4; level-- > 0;)
+        for (uint32_t f = 0; f < base.triangle_count; f++) /* all: forced splits lie beside */
+          merges += merge_level(refiner, lod_refiner_base_face(refiner, f), level);
+      double end = seconds(CLOCK_PROCESS_CPUTIME_ID);
+      printf("  %s: %.2f M splits/s, %.2f M merges/s, together %.2f M/s\n",
+             round == 0 ? life == 0 ? "never split before, memory cold" : "never split before, memory warm" : "split before",
+             1e-6 * splits / (middle - start), 1e-6 * merges / (end - middle), 1e-6 * (splits + merges) / (end - start));
+    }
+    lod_refiner_destroy(refiner);
+  }
+}
+
+/* ---- request to last byte ---- */
+
+struct client {
+  pthread_t thread;
+  const char *url;
+  uint32_t number, requests, failed;
+  double pause; /* seconds from one request to the next; 0: at once */
+  double *times;
+  uint64_t bytes;
+};
+
+static size_t swallow(char *bytes, size_t size, size_t count, void *context) {
+  (void)bytes;
+  *(uint64_t *)context += size * count;
+  return size * count;
+}
+
+static void *ask(void *argument) {
+  struct client *client = argument;
+  CURL *curl = curl_easy_init();
+  char url[512];
+  curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, swallow);
+  curl_easy_setopt(curl, CURLOPT_WRITEDATA, &client->bytes);
+  for (uint32_t i = 0; i < client->requests; i++) {
+    double a = 0.7 * client->number + 0.013 * i + (client->pause > 0 ? 0.0041 : 0); /* never the same twice: nothing from the cache */
+    snprintf(url, sizeof url, "%s/v1/models/bench/refine?doi=silhouette&eye=%.6f,%.6f,3&angle=40&steps=4&max_triangles=50000", client->url,
+             5 * cos(a), 5 * sin(a));
+    curl_easy_setopt(curl, CURLOPT_URL, url);
+    double start = seconds(CLOCK_MONOTONIC);
+    long status = 0;
+    if (curl_easy_perform(curl) != CURLE_OK || curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &status) != CURLE_OK || status != 200)
+      client->failed++;
+    client->times[i] = seconds(CLOCK_MONOTONIC) - start;
+    double rest = client->pause - client->times[i];
+    if (rest > 0)
+      usleep((useconds_t)(1e6 * rest));
+  }
+  curl_easy_cleanup(curl);
+  return NULL;
+}
+
+static int compare_times(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+static void clients(const char *url, uint32_t count, uint32_t requests, double pause, const char *what) {
+  struct client list[64];
+  double *times = calloc((size_t)count * requests, sizeof *times), load[3];
+  uint64_t bytes = 0;
+  uint32_t failed = 0;
+  for (uint32_t i = 0; i < count; i++) {
+    list[i] = (struct client){.url = url, .number = i, .requests = requests, .pause = pause, .times = times + (size_t)i * requests};
+    pthread_create(&list[i].thread, NULL, ask, &list[i]);
+  }
+  for (uint32_t i = 0; i < count; i++) {
+    pthread_join(list[i].thread, NULL);
+    bytes += list[i].bytes;
+    failed += list[i].failed;
+  }
+  qsort(times, (size_t)count * requests, sizeof *times, compare_times);
+  getloadavg(load, 3);
+  printf("  %-34s p50 %6.1f ms, p99 %6.1f ms, %u failed, %.0f kB each; load %.1f on %ld processors\n", what,
+         1e3 * times[(size_t)count * requests / 2], 1e3 * times[(size_t)count * requests * 99 / 100], failed,
+         1e-3 * (double)bytes / ((double)count * requests), load[0], sysconf(_SC_NPROCESSORS_ONLN));
+  free(times);
+}
+
+static void requests(const char *program, uint32_t count, uint32_t each, struct lod_arena *arena) {
+  char folder[] = "/tmp/refine-bench-XXXXXX", path[1100], daemon[1024], store[64], models[64], line[256] = "", url[128] = "";
+  struct lod_mesh base = lod_shape_torus(arena, 2, 0.8, 44, 20);
+  snprintf(daemon, sizeof daemon, "%.900s", program);
+  char *slash = strstr(daemon, "/tests/bench/");
+  must(slash != NULL && mkdtemp(folder) != NULL, "cannot find the daemon");
+  strcpy(slash, "/lodestreamd");
+  snprintf(store, sizeof store, "%s/store", folder);
+  snprintf(models, sizeof models, "%s/models", folder);
+  mkdir(models, 0700);
+  snprintf(path, sizeof path, "%s/bench.ply", models);
+  FILE *file = fopen(path, "wb");
+  must(file != NULL && lod_ply_write(&base, NULL, file, NULL) == LOD_OK && fclose(file) == 0, path);
+  int out[2];
+  must(pipe(out) == 0, "pipe");
+  pid_t pid = fork();
+  if (pid == 0) {
+    dup2(out[1], 1);
+    if (freopen("/dev/null", "w", stderr) == NULL)
+      _exit(127);
+    execl(daemon, daemon, "--store", store, "--listen", "127.0.0.1:0", "--models", models, "--later-families", "", "--log-level", "off",
+          NULL);
+    _exit(127);
+  }
+  FILE *said = fdopen(out[0], "r");
+  must(fgets(line, sizeof line, said) != NULL && sscanf(line, "listening on %127s", url) == 1, "the daemon did not start");
+  curl_global_init(CURL_GLOBAL_ALL);
+  snprintf(path, sizeof path, "%s/v1/models/bench", url);
+  for (int i = 0; i < 600; i++) {
+    CURL *curl = curl_easy_init();
+    uint64_t bytes = 0;
+    long status = 0;
+    curl_easy_setopt(curl, CURLOPT_URL, path);
+    curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, swallow);
+    curl_easy_setopt(curl, CURLOPT_WRITEDATA, &bytes);
+    if (curl_easy_perform(curl) == CURLE_OK)
+      curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &status);
+    curl_easy_cleanup(curl);
+    if (status == 200)
+      break;
+    usleep(200000);
+  }
+  printf("\nrequest to last byte, 50 000 triangles of %u, %u clients, two workers, no answer twice (aim: p50 < 20 ms, p99 < 100 ms)\n",
+         base.triangle_count, count);
+  clients(url, count, 4, 0, "first (bases and forests are made)");
+  clients(url, count, each, 0, "one request after the other");
+  clients(url, count, each, 0.5, "two requests a second each");
+  clients(url, 1, each, 0, "one client alone");
+  kill(pid, SIGTERM);
+  waitpid(pid, NULL, 0);
+  snprintf(path, sizeof path, "rm -rf %s", folder);
+  must(system(path) == 0, path);
+}
+
+int main(int argc, char **argv) {
+  uint32_t count = 8, each = 40;
+  for (int i = 1; i + 1 < argc; i += 2) {
+    if (strcmp(argv[i], "-p") == 0)
+      picture_folder = argv[i + 1];
+    else if (strcmp(argv[i], "-c") == 0)
+      count = (uint32_t)atoi(argv[i + 1]);
+    else if (strcmp(argv[i], "-n") == 0)
+      each = (uint32_t)atoi(argv[i + 1]);
+  }
+  must(count >= 1 && count <= 64, "-c is 1 to 64");
+  mallopt(M_MMAP_MAX, 0); /* memory that was freed stays: rates are of computing, not of the kernel's pages */
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  setvbuf(stdout, NULL, _IOLBF, 0);
+  struct lod_arena *arena = lod_arena_create(0);
+  const char *name;
+  struct lod_mesh base = model(arena, &name);
+  paper(&base, name, arena);
+  if (picture_folder != NULL)
+    figures(arena);
+  uniform_rate();
+  split_rate(arena);
+  if (each != 0)
+    requests(argv[0], count, each, arena);
+  lod_arena_destroy(arena);
+  return 0;
+}
