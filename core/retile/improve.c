@@ -64,6 +64,25 @@ static bool wants_flip(const struct tiling *t, const uint32_t v[4]) {
   return bulge(t, v[2], v[3]) <= 2 * bulge(t, v[0], v[1]) + 0.02 * length;
 }
 
+static double shape_of(const struct tiling *t, uint32_t a, uint32_t b, uint32_t c) {
+  double x = lod_vec3_distance(t->positions[a], t->positions[b]), y = lod_vec3_distance(t->positions[b], t->positions[c]);
+  double z = lod_vec3_distance(t->positions[c], t->positions[a]), product = x * y * z;
+  return product > 0 ? (y + z - x) * (z + x - y) * (x + y - z) / product : 0;
+}
+
+/* With an error that matters: no flip raises it above that, and some are wanted for it alone. */
+static bool decide(struct tiling *t, uint32_t h, const uint32_t v[4]) {
+  static const double kWorth = 0.85, kLeastShape = 0.25;
+  bool wanted = wants_flip(t, v);
+  if (!(t->enough < INFINITY))
+    return wanted;
+  double before = fmax(match_known(t, h / 3, t->enough), match_known(t, t->twin[h] / 3, t->enough));
+  if (wanted)
+    return match_allows_flip(t, h, fmax(t->enough, before));
+  return before > t->enough && fmin(shape_of(t, v[2], v[0], v[3]), shape_of(t, v[3], v[1], v[2])) > kLeastShape &&
+         match_allows_flip(t, h, kWorth * before);
+}
+
 void improve_flips(struct tiling *tiling, uint32_t passes) {
   for (uint32_t pass = 0; pass < passes; pass++) {
     uint32_t flips = 0;
@@ -73,7 +92,7 @@ void improve_flips(struct tiling *tiling, uint32_t passes) {
         continue;
       const uint32_t v[4] = {tiling->faces[h / 3][h % 3], tiling->faces[g / 3][g % 3], tiling->faces[h / 3][(h + 2) % 3],
                              tiling->faces[g / 3][(g + 2) % 3]};
-      if (wants_flip(tiling, v) && chart_flip(tiling, h))
+      if (decide(tiling, h, v) && chart_flip(tiling, h))
         flips++;
     }
     if (flips == 0)

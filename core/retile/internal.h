@@ -3,6 +3,7 @@
 #define LOD_CORE_RETILE_INTERNAL_H
 
 #include "core/mesh/adjacency.h"
+#include "core/mesh/bvh.h"
 #include "core/retile/retile.h"
 
 #define RETILE_TRY_NEW(pointer, arena, count)                                                                                              \
@@ -144,6 +145,11 @@ struct tiling {
   uint32_t *flat_next;           /* vertex_count */
   uint32_t *flat_head;           /* face_count */
   int64_t (*plane)[2];           /* vertex_count: of a flat point on its way: in the plane of a chart, times ONE */
+  const struct lod_bvh *source;  /* over sheet.mesh, when the error leads; or NULL */
+  float *missed;                 /* face_count: match_face as it is known; see match.c */
+  double enough;                 /* flips may not raise the error above this, and are wanted where it is; INFINITY = it does not matter */
+  uint32_t *free_faces;          /* dead slots that new faces take before others; set by insert.c for a while */
+  uint32_t free_count;
 };
 
 /* The mutual tessellation of the sheet with the sites. */
@@ -161,6 +167,11 @@ bool tiling_connected(const struct tiling *tiling, uint32_t a, uint32_t b);
 uint32_t tiling_first(const struct tiling *tiling, uint32_t v, bool *closed);
 /* Turns the edge of half-edge h over; the caller has checked that it may. Flat points stay in the lists of their slots, wrong. */
 void tiling_flip(struct tiling *tiling, uint32_t h);
+/* Puts vertex p on the edge of h; the part at h's start keeps slot h. The other part's half-edges that start at p get no valid `start`
+ * unless the faces still tile one source face each. */
+void tiling_split_edge(struct tiling *tiling, uint32_t h, uint32_t p);
+/* Puts vertex p into face f: (a, b, p) in place, and two new ones. */
+void tiling_split_face(struct tiling *tiling, uint32_t f, uint32_t p);
 void tiling_link(struct tiling *tiling, uint32_t a, uint32_t b);
 bool tiling_check(const struct tiling *tiling);
 struct lod_retile_point tiling_local(const struct tiling *tiling, uint32_t v, uint32_t face);
@@ -190,6 +201,46 @@ bool chart_flip(struct tiling *tiling, uint32_t h);
 LOD_WARN_UNUSED enum lod_status remove_vertices(struct tiling *tiling,
                                                 bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level), uint32_t level,
                                                 struct lod_arena *arena, uint32_t *left);
+/* How far the vertex stands out of its neighbours, and a little for how many they are. */
+double remove_cost(const struct tiling *tiling, uint32_t v);
+
+/* ---- match.c: how far the surface that was and the triangles that are lie from one another ---- */
+
+/* `enough`: a distance of no interest; what is at most that may be told as anything up to it. */
+/* Of removed vertex v from the triangles. */
+double match_error(const struct tiling *tiling, uint32_t v, double enough);
+/* Of a triangle from the source; 0 without tiling.source. */
+double match_back(const struct tiling *tiling, const uint32_t v[3], double enough);
+/* Of a face and what lies on it, both ways; and the largest of all faces. */
+double match_face(const struct tiling *tiling, uint32_t f, double enough);
+double match_worst(struct tiling *tiling);
+/* match_face, looked up where the face has not changed since it was asked. */
+double match_known(struct tiling *tiling, uint32_t f, double enough);
+static inline void match_forget(struct tiling *tiling, uint32_t f) {
+  tiling->missed[f] = 0;
+}
+/* Would the two triangles that a flip makes miss by at most `most`? */
+bool match_allows_flip(const struct tiling *tiling, uint32_t h, double most);
+
+/* ---- insert.c ---- */
+
+/* Puts removed vertices back, of those `allowed` (by vertex), where the error is largest, until it is nowhere above `enough` or `most` are
+ * back; they become candidates of the level. fill: `most` come back even where there is no error, those with most room. */
+LOD_WARN_UNUSED enum lod_status insert_vertices(struct tiling *tiling, const bool *allowed, uint32_t level, uint32_t most, double enough,
+                                                bool fill, struct lod_arena *arena, uint32_t *inserted);
+
+/* ---- lead.c: the error leads ---- */
+
+/* Moves a share of the level's vertices to where the error is, and the finest level's to where its triangles want them.
+ * wanted: vertices of the level. finer_to (by tiling vertex; NULL for the finest): LOD_NONE = not in the finer level. */
+LOD_WARN_UNUSED enum lod_status lead_level(struct tiling *tiling, const struct lod_retile_settings *settings, uint32_t level,
+                                           const uint32_t *finer_to, uint32_t wanted, struct lod_arena *arena);
+
+/* ---- settle.c ---- */
+
+/* Moves the level's own vertices to better places on the source, in `sweeps`; an error up to `enough` does not matter. For the finest
+ * level: what is flattened does not move along. */
+void settle_vertices(struct tiling *tiling, uint32_t level, uint32_t sweeps, double enough);
 
 /* ---- improve.c ---- */
 void improve_flips(struct tiling *tiling, uint32_t passes);

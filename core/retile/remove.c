@@ -328,6 +328,7 @@ static void replace(struct remover *r) {
     for (uint32_t k = 0; k < 3; k++) {
       uint8_t a = r->triangles[i][k], b = r->triangles[i][(k + 1) % 3];
       uint32_t h = 3 * slots[i] + k;
+      match_forget(t, slots[i]);
       t->faces[slots[i]][k] = s->ring[a];
       t->corner[s->ring[a]] = h;
       t->twin[h] = LOD_NONE;
@@ -400,8 +401,7 @@ static bool remove_vertex(struct remover *r, uint32_t v) {
 
 /* ---- the queue ---- */
 
-/* How far the vertex stands out of its neighbours, and how many they are. */
-static double priority(const struct tiling *t, uint32_t v) {
+double remove_cost(const struct tiling *t, uint32_t v) {
   bool closed;
   uint32_t begin = tiling_first(t, v, &closed), h = begin, count = 0;
   struct lod_vec3 p = t->positions[v], sum = {0, 0, 0};
@@ -428,7 +428,7 @@ static enum lod_status push(struct remover *r, uint32_t v) {
     r->heap = larger;
     r->heap_capacity *= 2;
   }
-  struct entry entry = {priority(r->tiling, v), v, ++r->stamp[v]};
+  struct entry entry = {remove_cost(r->tiling, v), v, ++r->stamp[v]};
   uint32_t i = r->heap_count++;
   for (; i > 0 && before(&entry, &r->heap[(i - 1) / 2]); i = (i - 1) / 2)
     r->heap[i] = r->heap[(i - 1) / 2];

@@ -21,6 +21,8 @@ struct lod_retile_settings lod_retile_defaults(void) {
                                       .adapt = 2,
                                       .crease_degrees = LOD_TOLERANCE_CREASE_DEGREES,
                                       .corner_degrees = 45,
+                                      .lead = 0.03,
+                                      .settle = 4,
                                       .flips = 4};
 }
 
@@ -34,6 +36,8 @@ enum lod_status retile_check_settings(const struct lod_retile_settings *s, struc
   if (!(s->damping >= 0 && s->damping <= 1 && s->radius >= 0 && s->radius <= 10 && s->adapt >= 1 && s->adapt <= 100 && s->steps <= 10000))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-repulsion",
                     "Repulsion takes a damping in [0, 1], a radius in [0, 10], at most 10000 steps, and spacing adapts by 1 to 100.");
+  if (!(s->lead >= 0 && s->lead <= 0.9 && s->settle <= 1000))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-lead", "The share of vertices led by the error must be in [0, 0.9], not %g.", s->lead);
   return LOD_OK;
 }
 
@@ -110,8 +114,9 @@ static enum lod_status record_step(const struct tiling *tiling, struct lod_retil
   return LOD_OK;
 }
 
-static enum lod_status build_levels(struct tiling *tiling, const struct lod_retile_settings *settings, const struct lod_progress *progress,
-                                    struct lod_arena *arena, struct lod_arena *scratch, struct lod_retile *retile) {
+static enum lod_status build_levels(struct tiling *tiling, const struct lod_retile_settings *settings, const uint32_t *counts,
+                                    const struct lod_progress *progress, struct lod_arena *arena, struct lod_arena *scratch,
+                                    struct lod_retile *retile) {
   uint32_t *maps[2], *face_to;
   for (int i = 0; i < 2; i++)
     RETILE_TRY_NEW(maps[i], scratch, tiling->vertex_count);
@@ -129,11 +134,11 @@ static enum lod_status build_levels(struct tiling *tiling, const struct lod_reti
       LOD_TRY(remove_vertices(tiling, too_fine, k, scratch, &left));
       improve_flips(tiling, 1);
     }
+    if (settings->lead > 0)
+      LOD_TRY(lead_level(tiling, settings, k, k + 1 < retile->level_count ? maps[(k + 1) % 2] : NULL, counts[k], scratch));
     LOD_TRY(extract_level(tiling, k, arena, level, maps[k % 2], face_to));
     if (k + 1 < retile->level_count)
       LOD_TRY(record_step(tiling, level, &retile->levels[k + 1], maps[(k + 1) % 2], maps[k % 2], face_to, arena));
-    for (uint32_t f = 0; f < tiling->face_count; f++)
-      tiling->flat_head[f] = LOD_NONE;
   }
   return LOD_OK;
 }
@@ -150,7 +155,12 @@ static enum lod_status create(const struct lod_mesh *mesh, const struct lod_reti
   LOD_TRY(place_sites(&sheet, settings, counts, retile->level_count, progress, scratch, &sites));
   lod_progress_report(progress, "tessellate", 0.35);
   LOD_TRY(tiling_create(&sheet, &sites, scratch, &tiling));
-  return build_levels(&tiling, settings, progress, arena, scratch, retile);
+  tiling.enough = INFINITY;
+  struct lod_bvh *bvh = NULL;
+  if (settings->lead > 0)
+    LOD_TRY(lod_bvh_create(mesh, settings->threads, scratch, &bvh));
+  tiling.source = bvh;
+  return build_levels(&tiling, settings, counts, progress, arena, scratch, retile);
 }
 
 enum lod_status lod_retile_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings,

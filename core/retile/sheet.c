@@ -367,7 +367,7 @@ static enum lod_status find_features(struct sheet *sheet, const struct lod_adjac
   list_edges(&web);
   drop_loose_creases(&web, kLooseCrease * finest);
   drop_loose_creases(&web, kLooseCrease * finest);
-  LOD_TRY(find_corners(&web, settings->corner_degrees, 0.25 * coarsest, scratch));
+  LOD_TRY(find_corners(&web, settings->corner_degrees, 0.75 * coarsest, scratch));
   LOD_TRY(string_lines(sheet, &web, arena, scratch));
   LOD_TRY(choose_lines(sheet, &web, counts, level_count, scratch));
   return mark_lines(sheet, &web, scratch);

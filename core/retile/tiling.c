@@ -89,6 +89,8 @@ void tiling_flip(struct tiling *tiling, uint32_t h) {
     marks[i] = tiling->marks[old[i]];
     starts[i] = tiling->start[old[i]];
   }
+  match_forget(tiling, f0);
+  match_forget(tiling, f1);
   memcpy(tiling->faces[f0], (uint32_t[3]){c, a, d}, sizeof tiling->faces[f0]);
   memcpy(tiling->faces[f1], (uint32_t[3]){d, b, c}, sizeof tiling->faces[f1]);
   for (int i = 0; i < 4; i++) {
@@ -104,9 +106,9 @@ void tiling_flip(struct tiling *tiling, uint32_t h) {
   tiling->corner[b] = 3 * f1 + 1;
 }
 
-/* One new face behind the others with all fields of an outer half-edge copied. */
+/* One new face, in a free slot or behind the others. */
 static uint32_t add_face(struct tiling *t, uint32_t a, uint32_t b, uint32_t c, uint32_t region) {
-  uint32_t f = t->face_count++;
+  uint32_t f = t->free_count != 0 ? t->free_faces[--t->free_count] : t->face_count++;
   memcpy(t->faces[f], (uint32_t[3]){a, b, c}, sizeof t->faces[f]);
   for (uint32_t k = 0; k < 3; k++) {
     t->twin[3 * f + k] = LOD_NONE;
@@ -115,6 +117,7 @@ static uint32_t add_face(struct tiling *t, uint32_t a, uint32_t b, uint32_t c, u
   }
   t->region[f] = region;
   t->flat_head[f] = LOD_NONE;
+  match_forget(t, f);
   return f;
 }
 
@@ -129,6 +132,7 @@ static void move_half_edge(struct tiling *t, uint32_t from, uint32_t to) {
 static uint32_t split_side(struct tiling *t, uint32_t h, uint32_t p) {
   uint32_t f = h / 3, b = start_of(t, retile_next(h)), c = start_of(t, retile_previous(h));
   uint32_t n = add_face(t, p, b, c, t->region[f]);
+  match_forget(t, f);
   move_half_edge(t, retile_next(h), 3 * n + 1);
   t->faces[f][retile_next(h) % 3] = p;
   t->marks[retile_next(h)] = 0;
@@ -139,8 +143,7 @@ static uint32_t split_side(struct tiling *t, uint32_t h, uint32_t p) {
   return 3 * n;
 }
 
-/* Puts p on the edge of h; the part at h's start keeps slot h. */
-static void split_edge(struct tiling *t, uint32_t h, uint32_t p) {
+void tiling_split_edge(struct tiling *t, uint32_t h, uint32_t p) {
   uint32_t g = t->twin[h], second = split_side(t, h, p);
   t->corner[p] = second;
   t->twin[second] = LOD_NONE;
@@ -151,9 +154,10 @@ static void split_edge(struct tiling *t, uint32_t h, uint32_t p) {
   tiling_link(t, second, g);
 }
 
-static void split_face(struct tiling *t, uint32_t f, uint32_t p) {
+void tiling_split_face(struct tiling *t, uint32_t f, uint32_t p) {
   uint32_t a = t->faces[f][0], b = t->faces[f][1], c = t->faces[f][2];
   uint32_t n1 = add_face(t, b, c, p, t->region[f]), n2 = add_face(t, c, a, p, t->region[f]);
+  match_forget(t, f);
   move_half_edge(t, 3 * f + 1, 3 * n1);
   move_half_edge(t, 3 * f + 2, 3 * n2);
   t->faces[f][2] = p;
@@ -278,11 +282,11 @@ static void insert(struct tiler *tiler, uint32_t p, uint32_t *last) {
         on = 3 * f + k;
     }
     if (out == LOD_NONE) {
-      uint32_t count = t->face_count;
+      uint32_t count = t->face_count; /* no slot is free here */
       if (on != LOD_NONE)
-        split_edge(t, on, p);
+        tiling_split_edge(t, on, p);
       else
-        split_face(t, f, p);
+        tiling_split_face(t, f, p);
       for (uint32_t n = count; n < t->face_count; n++)
         for (uint32_t k = 0; k < 3; k++)
           push(tiler, 3 * n + k);
@@ -344,6 +348,7 @@ static enum lod_status allocate(struct tiling *t, const struct sheet *sheet, uin
   RETILE_TRY_NEW(t->start, arena, 3 * faces);
   RETILE_TRY_NEW(t->region, arena, faces);
   RETILE_TRY_NEW(t->flat_head, arena, faces);
+  RETILE_TRY_NEW_ZERO(t->missed, arena, faces);
   return LOD_OK;
 }
 
@@ -401,7 +406,7 @@ static void insert_on_edges(struct tiling *t, const struct sites *sites, const s
     if (edge != last_edge)
       end = t->sheet->faces[edge / 3][(edge + 1) % 3];
     uint32_t v = add_vertex(t, site);
-    split_edge(t, tiling_find(t, start, end), v);
+    tiling_split_edge(t, tiling_find(t, start, end), v);
     last_edge = edge;
     end = v;
   }

@@ -70,8 +70,9 @@ static struct quality measure_quality(const struct lod_mesh *mesh, struct lod_ar
 }
 
 static const char *picture_folder;
-static double steps_asked = -1, damping_asked = -1, radius_asked = -1; /* by -s, -d, -r; -1: the default */
-static bool ours_only;                                                 /* -o 1 */
+static double steps_asked = -1, damping_asked = -1, radius_asked = -1, lead_asked = -1, settle_asked = -1,
+              adapt_asked = -1; /* by -s, -d, -r; -1: the default */
+static bool ours_only;          /* -o 1 */
 
 static void draw(const char *name, const char *mode, const struct lod_mesh *mesh) {
   struct lod_arena *arena = lod_arena_create(0);
@@ -108,6 +109,7 @@ static void bench(const char *name, const struct lod_mesh *mesh, const char *mod
     exact.rms = true;
     must(lod_topology_measure(&level->mesh, NULL, scratch, &topology));
     must(lod_distance_measure(&level->mesh, mesh, &exact, scratch, &distance));
+
     struct quality q = measure_quality(&level->mesh, scratch);
     struct lod_retile_map_facts map = {.valid = true};
     if (level->flat != NULL)
@@ -141,6 +143,9 @@ static void bench_file(const char *path, const uint32_t *counts, uint32_t count)
     settings.steps = steps_asked >= 0 ? (uint32_t)steps_asked : settings.steps;
     settings.damping = damping_asked >= 0 ? damping_asked : settings.damping;
     settings.radius = radius_asked >= 0 ? radius_asked : settings.radius;
+    settings.lead = lead_asked >= 0 ? lead_asked : settings.lead;
+    settings.settle = settle_asked >= 0 ? (uint32_t)settle_asked : settings.settle;
+    settings.adapt = adapt_asked >= 0 ? adapt_asked : settings.adapt;
     bench(slash != NULL ? slash + 1 : path, &mesh, "ours", &settings);
     settings.curvature = LOD_RETILE_CURVATURE_NONE;
     if (!ours_only)
@@ -149,6 +154,7 @@ static void bench_file(const char *path, const uint32_t *counts, uint32_t count)
     settings.vertices = counts;
     settings.level_count = count;
     settings.threads = 1;
+    settings.lead = settings.settle = 0;
     settings.placement = LOD_RETILE_TURK;
     settings.curvature = LOD_RETILE_CURVATURE_TURK;
     settings.steps = 40;
@@ -189,7 +195,8 @@ int main(int argc, char **argv) {
     static const struct {
       const char *name;
       double *value;
-    } kNumbers[] = {{"-s", &steps_asked}, {"-d", &damping_asked}, {"-r", &radius_asked}};
+    } kNumbers[] = {{"-s", &steps_asked}, {"-d", &damping_asked}, {"-r", &radius_asked},
+                    {"-l", &lead_asked},  {"-t", &settle_asked},  {"-a", &adapt_asked}};
     for (size_t i = 0; i < sizeof kNumbers / sizeof *kNumbers; i++)
       if (strcmp(argv[first], kNumbers[i].name) == 0)
         *kNumbers[i].value = strtod(argv[first + 1], NULL);
