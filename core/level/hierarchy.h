@@ -19,8 +19,9 @@ struct lod_level {
   /* Per unit: source vertex -> level triangle that replaces it, near it, so that the vertex can move there (Varshney 1995, 6.5), LOD_NONE
    * where it names no triangle; or NULL. */
   uint32_t *const *replacements;
-  double bound; /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
-  double cell;  /* width of the clustering cell; 0 = none */
+  double bound;    /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
+  double expected; /* without a bound: about the distance, by a measure that proves nothing; 0 = not known. Leads the choice of precision */
+  double cell;     /* width of the clustering cell; 0 = none */
 };
 
 /* Receives levels finest first. A status other than LOD_OK stops the family and is returned by it. */

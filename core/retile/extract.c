@@ -77,7 +77,7 @@ static uint32_t count_marks(const struct tiling *t) {
 static enum lod_status add_attributes(const struct tiling *t, const uint32_t *vertex_to, const uint32_t *face_to, struct lod_arena *arena,
                                       struct lod_mesh *mesh) {
   const struct lod_mesh *source = t->sheet->mesh;
-  size_t most = (size_t)t->vertex_count + count_marks(t);
+  size_t most = 2 * ((size_t)t->vertex_count + count_marks(t));
   RETILE_TRY_NEW(mesh->corners, arena, mesh->triangle_count);
   RETILE_TRY_NEW(mesh->wedge_vertex, arena, most);
   if (source->normals != NULL)
@@ -93,6 +93,55 @@ static enum lod_status add_attributes(const struct tiling *t, const uint32_t *ve
   return LOD_OK;
 }
 
+/* The wedge that looks the other way. */
+static uint32_t turn_wedge(struct lod_mesh *mesh, uint32_t wedge, uint32_t *other) {
+  if (other[wedge] != LOD_NONE)
+    return other[wedge];
+  uint32_t w = mesh->wedge_count++;
+  mesh->wedge_vertex[w] = mesh->wedge_vertex[wedge];
+  for (int k = 0; k < 3 && mesh->normals != NULL; k++)
+    mesh->normals[w][k] = -mesh->normals[wedge][k];
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    if (mesh->uvs[set] != NULL)
+      memcpy(mesh->uvs[set][w], mesh->uvs[set][wedge], sizeof mesh->uvs[set][w]);
+  if (mesh->colors != NULL)
+    memcpy(mesh->colors[w], mesh->colors[wedge], sizeof mesh->colors[w]);
+  return other[wedge] = w;
+}
+
+static uint32_t back_of(const struct tiling *t, uint32_t f) {
+  const uint32_t *back = t->sheet->cleaned->back;
+  return back == NULL || t->faces[f][0] == LOD_NONE ? LOD_NONE : back[t->region[f]];
+}
+
+/* Walls with two sides get their other side, behind all other triangles. `front`: triangles so far. */
+static enum lod_status add_backs(const struct tiling *t, const uint32_t *face_to, uint32_t front, struct lod_arena *arena,
+                                 struct lod_mesh *mesh) {
+  const struct lod_mesh *source = t->sheet->cleaned->source;
+  uint32_t *other = NULL, at = front;
+  if (mesh->corners != NULL && mesh->triangle_count != front) {
+    RETILE_TRY_NEW(other, arena, mesh->wedge_count);
+    memset(other, 0xff, mesh->wedge_count * sizeof *other);
+  }
+  for (uint32_t f = 0; f < t->face_count && at < mesh->triangle_count; f++) {
+    uint32_t back = back_of(t, f), own = face_to[f];
+    if (back == LOD_NONE)
+      continue;
+    for (int k = 0; k < 3; k++) {
+      int place = k == 0 ? 0 : 3 - k;
+      mesh->triangles[at][k] = mesh->triangles[own][place];
+      if (mesh->corners != NULL)
+        mesh->corners[at][k] = turn_wedge(mesh, mesh->corners[own][place], other);
+    }
+    if (mesh->materials != NULL)
+      mesh->materials[at] = source->materials[back];
+    if (mesh->parts != NULL)
+      mesh->parts[at] = source->parts[back];
+    at++;
+  }
+  return LOD_OK;
+}
+
 enum lod_status extract_level(const struct tiling *t, uint32_t number, struct lod_arena *arena, struct lod_retile_level *level,
                               uint32_t *vertex_to, uint32_t *face_to) {
   const struct lod_mesh *source = t->sheet->mesh;
@@ -100,6 +149,9 @@ enum lod_status extract_level(const struct tiling *t, uint32_t number, struct lo
   *level = (struct lod_retile_level){0};
   for (uint32_t f = 0; f < t->face_count; f++)
     face_to[f] = t->faces[f][0] == LOD_NONE ? LOD_NONE : mesh->triangle_count++;
+  uint32_t front = mesh->triangle_count;
+  for (uint32_t f = 0; f < t->face_count; f++)
+    mesh->triangle_count += back_of(t, f) != LOD_NONE;
   memset(vertex_to, 0xff, (size_t)t->vertex_count * sizeof *vertex_to);
   for (uint32_t v = 0; v < t->vertex_count; v++) {
     if (t->dead[v] || vertex_to[v] != LOD_NONE)
@@ -124,7 +176,7 @@ enum lod_status extract_level(const struct tiling *t, uint32_t number, struct lo
   for (uint32_t v = 0; v < t->vertex_count; v++)
     if (vertex_to[v] != LOD_NONE) {
       lod_vec3_to_float(t->positions[v], mesh->positions[vertex_to[v]]);
-      level->points[vertex_to[v]] = t->points[v];
+      level->points[vertex_to[v]] = clean_point(t->sheet->cleaned, t->points[v]);
     }
   for (uint32_t f = 0; f < t->face_count; f++) {
     if (face_to[f] == LOD_NONE)
@@ -136,5 +188,7 @@ enum lod_status extract_level(const struct tiling *t, uint32_t number, struct lo
     if (mesh->parts != NULL)
       mesh->parts[face_to[f]] = source->parts[t->region[f]];
   }
-  return source->wedge_count == 0 ? LOD_OK : add_attributes(t, vertex_to, face_to, arena, mesh);
+  if (source->wedge_count != 0)
+    LOD_TRY(add_attributes(t, vertex_to, face_to, arena, mesh));
+  return add_backs(t, face_to, front, arena, mesh);
 }

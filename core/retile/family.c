@@ -22,16 +22,21 @@ static int compare_counts(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-/* The whole model's counts, coarsest first. The ladder ends a step below the source, which is a level by itself wherever levels are served.
- */
-static enum lod_status model_counts(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s,
-                                    struct lod_arena *scratch, uint32_t counts[LOD_RETILE_MAX_LEVELS], uint32_t *level_count) {
-  if (s->vertices != NULL) {
-    memcpy(counts, s->vertices, s->level_count * sizeof *counts);
-    qsort(counts, s->level_count, sizeof *counts, compare_counts);
-    *level_count = s->level_count;
-    return LOD_OK;
-  }
+/* What the whole model's levels shall be, coarsest first. */
+struct plan {
+  uint32_t counts[LOD_RETILE_MAX_LEVELS];
+  double errors[LOD_RETILE_MAX_LEVELS]; /* model units; 0 = none */
+  uint32_t level_count;
+  bool by_error; /* counts say nothing */
+};
+
+/* The worst place of a level needs about so many times the vertices that its curvature tells. */
+static const double kErrorReserve = 2;
+
+/* The ladder ends with the level that proves finest_error, or has a quarter (1 / ratio) of the source's vertices: the source is a level by
+ * itself wherever levels are served. */
+static enum lod_status plan_ladder(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s,
+                                   struct lod_arena *scratch, struct plan *plan) {
   double finest = 0, vertices = 0, diagonal = 0;
   for (uint32_t u = 0; u < unit_count; u++) {
     struct lod_bounds bounds = lod_mesh_bounds(&units[u].mesh);
@@ -43,41 +48,68 @@ static enum lod_status model_counts(const struct lod_unit *units, uint32_t unit_
     LOD_TRY(retile_vertices_for(&units[u].mesh, s->finest_error * diagonal / units[u].scale, scratch, &needed));
     finest += needed;
   }
+  /* An error that spacing by curvature does not meet with a quarter of the source's vertices is not worth chasing. */
+  finest *= kErrorReserve;
+  bool reachable = finest <= vertices / s->ratio;
   finest = fmax(fmin(finest, vertices / s->ratio), fmin(s->least, vertices));
   double steps = fmax(0, floor(log(finest / fmax(4, s->least)) / log(s->ratio) + 0.5));
-  *level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
-  for (uint32_t k = 0; k < *level_count; k++)
-    counts[k] = (uint32_t)lrint(fmin(4e9, finest / pow(s->ratio, *level_count - 1 - k)));
+  plan->level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
+  for (uint32_t k = 0; k < plan->level_count; k++) {
+    plan->counts[k] = (uint32_t)lrint(fmin(4e9, finest / pow(s->ratio, plan->level_count - 1 - k)));
+    plan->errors[k] = reachable && k + 1 == plan->level_count ? s->finest_error * diagonal : 0;
+  }
+  return LOD_OK;
+}
+
+static enum lod_status plan_levels(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s,
+                                   struct lod_arena *scratch, struct plan *plan) {
+  *plan = (struct plan){.level_count = s->level_count, .by_error = s->vertices == NULL && s->errors != NULL};
+  if (s->vertices == NULL && s->errors == NULL)
+    return plan_ladder(units, unit_count, s, scratch, plan);
+  if (s->vertices != NULL)
+    memcpy(plan->counts, s->vertices, s->level_count * sizeof *plan->counts);
+  if (s->errors != NULL)
+    memcpy(plan->errors, s->errors, s->level_count * sizeof *plan->errors);
+  else
+    qsort(plan->counts, s->level_count, sizeof *plan->counts, compare_counts);
   return LOD_OK;
 }
 
 static enum lod_status build_unit(const struct lod_unit *unit, double share, const struct lod_retile_settings *settings,
-                                  const uint32_t *counts, uint32_t level_count, const struct lod_progress *progress,
-                                  struct lod_arena *arena, struct lod_retile *retile, struct lod_problem *problem) {
+                                  const struct plan *plan, const struct lod_progress *progress, struct lod_arena *arena,
+                                  struct lod_retile *retile, struct lod_problem *problem) {
   uint32_t own[LOD_RETILE_MAX_LEVELS];
+  double errors[LOD_RETILE_MAX_LEVELS];
   struct lod_retile_settings s = *settings;
-  for (uint32_t k = 0; k < level_count; k++) {
-    own[k] = (uint32_t)fmax(4, lrint(counts[k] * share));
+  bool any_error = false;
+  for (uint32_t k = 0; k < plan->level_count; k++) {
+    own[k] = (uint32_t)fmax(4, lrint(plan->counts[k] * share));
     if (settings->vertices == NULL && own[k] > unit->mesh.vertex_count)
       own[k] = unit->mesh.vertex_count;
+    errors[k] = plan->errors[k] / unit->scale;
+    any_error = any_error || errors[k] > 0;
   }
-  s.vertices = own;
-  s.level_count = level_count;
+  s.vertices = plan->by_error ? NULL : own;
+  s.errors = any_error ? errors : NULL;
+  s.level_count = plan->level_count;
   return lod_retile_create(&unit->mesh, &s, progress, arena, retile, problem);
 }
 
-static enum lod_status emit(const struct lod_retile *retiles, uint32_t unit_count, uint32_t level_count, struct lod_arena *arena,
-                            lod_level_sink *sink, void *sink_context) {
+static enum lod_status emit(const struct lod_retile *retiles, const struct lod_unit *units, uint32_t unit_count, uint32_t level_count,
+                            struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
   struct lod_mesh *meshes;
   uint32_t **parents;
   RETILE_TRY_NEW(meshes, arena, unit_count);
   RETILE_TRY_NEW(parents, arena, unit_count);
   for (uint32_t k = level_count; k-- > 0;) {
+    double bound = 0, expected = 0;
     for (uint32_t u = 0; u < unit_count; u++) {
+      bound = fmax(bound, retiles[u].levels[k].bound * units[u].scale);
+      expected = fmax(expected, retiles[u].levels[k].missed * units[u].scale);
       meshes[u] = retiles[u].levels[k].mesh;
       parents[u] = retiles[u].levels[k].parents;
     }
-    struct lod_level level = {.meshes = meshes, .parents = k + 1 < level_count ? parents : NULL, .bound = INFINITY};
+    struct lod_level level = {.meshes = meshes, .parents = k + 1 < level_count ? parents : NULL, .bound = bound, .expected = expected};
     LOD_TRY(sink(sink_context, &level));
   }
   return LOD_OK;
@@ -88,21 +120,21 @@ static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, 
                              struct lod_problem *problem) {
   struct lod_retile_settings settings =
       family_settings == NULL ? lod_retile_defaults() : *(const struct lod_retile_settings *)family_settings;
-  uint32_t counts[LOD_RETILE_MAX_LEVELS], level_count = 0;
+  struct plan plan = {0};
   LOD_TRY(retile_check_settings(&settings, problem));
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct lod_retile *retiles = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, unit_count, struct lod_retile);
   enum lod_status status = retiles == NULL ? lod_fail_memory(problem) : LOD_OK;
-  if (status == LOD_OK && model_counts(units, unit_count, &settings, scratch, counts, &level_count) != LOD_OK)
+  if (status == LOD_OK && plan_levels(units, unit_count, &settings, scratch, &plan) != LOD_OK)
     status = lod_fail_memory(problem);
   double area = 0;
   for (uint32_t u = 0; u < unit_count; u++)
     area += unit_area(&units[u]);
   for (uint32_t u = 0; u < unit_count && status == LOD_OK; u++)
-    status = build_unit(&units[u], area > 0 ? unit_area(&units[u]) / area : 1.0 / unit_count, &settings, counts, level_count, progress,
-                        scratch, &retiles[u], problem);
+    status = build_unit(&units[u], area > 0 ? unit_area(&units[u]) / area : 1.0 / unit_count, &settings, &plan, progress, scratch,
+                        &retiles[u], problem);
   if (status == LOD_OK)
-    status = emit(retiles, unit_count, level_count, scratch, sink, sink_context);
+    status = emit(retiles, units, unit_count, plan.level_count, scratch, sink, sink_context);
   lod_arena_destroy(scratch);
   return status;
 }

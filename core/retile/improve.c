@@ -71,9 +71,14 @@ static double shape_of(const struct tiling *t, uint32_t a, uint32_t b, uint32_t 
 }
 
 /* With an error that matters: no flip raises it above that, and some are wanted for it alone. */
+static bool shorter(const struct tiling *t, const uint32_t v[4]) {
+  return lod_vec3_distance_squared(t->positions[v[2]], t->positions[v[3]]) <
+         lod_vec3_distance_squared(t->positions[v[0]], t->positions[v[1]]);
+}
+
 static bool decide(struct tiling *t, uint32_t h, const uint32_t v[4]) {
   static const double kWorth = 0.85, kLeastShape = 0.25;
-  bool wanted = wants_flip(t, v);
+  bool wanted = t->measure == LOD_RETILE_MEASURE_LENGTH ? shorter(t, v) : wants_flip(t, v);
   if (!(t->enough < INFINITY))
     return wanted;
   double before = fmax(match_known(t, h / 3, t->enough), match_known(t, t->twin[h] / 3, t->enough));

@@ -225,7 +225,7 @@ static double longest_side(const struct tiling *t, uint32_t f) {
 static uint32_t list_candidates(struct tiling *t, const bool *allowed, double enough, bool fill, struct candidate *list) {
   uint32_t count = 0;
   for (uint32_t f = 0; f < t->face_count; f++) {
-    if (t->faces[f][0] == LOD_NONE || t->flat_head[f] == LOD_NONE)
+    if (t->faces[f][0] == LOD_NONE)
       continue;
     double worst = fill ? longest_side(t, f) : match_known(t, f, enough);
     if (worst <= enough && !fill)
@@ -240,6 +240,13 @@ static uint32_t list_candidates(struct tiling *t, const bool *allowed, double en
         best.v = v;
       }
     }
+    for (uint32_t k = 0; k < 3 && best.v == LOD_NONE && !fill; k++) /* a face beside it may do */
+      for (uint32_t v = t->twin[3 * f + k] == LOD_NONE ? LOD_NONE : t->flat_head[t->twin[3 * f + k] / 3]; v != LOD_NONE;
+           v = t->flat_next[v]) {
+        double score = allowed[v] ? room_for(t, v) : 0;
+        if (score > best.score)
+          best = (struct candidate){score, v, t->flat[v].face};
+      }
     if (best.v != LOD_NONE) {
       best.score = worst * room_for(t, best.v);
       list[count++] = best;
@@ -274,14 +281,14 @@ static uint32_t list_free(struct tiling *t) {
   return t->free_count;
 }
 
-enum lod_status insert_vertices(struct tiling *t, const bool *allowed, uint32_t level, uint32_t most, double enough, bool fill,
+enum lod_status insert_vertices(struct tiling *t, const bool *allowed, uint32_t level, uint32_t most, double enough, enum insert_mode mode,
                                 struct lod_arena *arena, uint32_t *inserted) {
   enum { MOST_ROUNDS = 40 };
   double near = 0.6; /* what misses by less than this share of the worst waits for another round */
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct candidate *list = scratch == NULL ? NULL : LOD_NEW(scratch, t->face_count, struct candidate);
   uint32_t *blocked = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, t->face_count, uint32_t);
-  bool *open = scratch == NULL ? NULL : lod_arena_copy(scratch, allowed, t->vertex_count * sizeof *allowed), filling = false;
+  bool *open = scratch == NULL ? NULL : lod_arena_copy(scratch, allowed, t->vertex_count * sizeof *allowed), filling = mode == INSERT_ALL;
   t->free_faces = scratch == NULL ? NULL : LOD_NEW(scratch, t->face_count, uint32_t);
   enum lod_status status = list == NULL || blocked == NULL || open == NULL || t->free_faces == NULL ? LOD_MEMORY : LOD_OK;
   *inserted = 0;
@@ -305,7 +312,7 @@ enum lod_status insert_vertices(struct tiling *t, const bool *allowed, uint32_t 
       improve_flips(t, 3);
     else if (!filling && limit > enough && near > 0.01)
       near *= 0.6;
-    else if (fill && !filling)
+    else if (mode == INSERT_FILL && !filling)
       filling = true;
     else
       break;

@@ -17,6 +17,19 @@
       return LOD_MEMORY;                                                                                                                   \
   } while (0)
 
+/* ---- clean.c: the source with each triangle once, and turned alike ---- */
+
+struct cleaned {
+  const struct lod_mesh *source;
+  struct lod_mesh mesh; /* what is re-tiled; attributes are the source's */
+  const uint32_t *from; /* by triangle of mesh: of the source; NULL = the same */
+  const bool *turned;   /* by triangle of mesh: corners 1 and 2 changed places; NULL = none */
+  uint32_t *back;       /* by triangle of mesh: source triangle with the same corners that looks the other way, or LOD_NONE; NULL = none */
+};
+LOD_WARN_UNUSED enum lod_status clean_source(const struct lod_mesh *mesh, struct lod_arena *arena, struct cleaned *cleaned);
+/* As a point of the source. */
+struct lod_retile_point clean_point(const struct cleaned *cleaned, struct lod_retile_point point);
+
 /* ---- sheet.c: the source as a manifold, cut where it is none, with its feature lines ---- */
 
 /* One step of a line: along an edge, given by a half-edge of it and whether the line runs against that. */
@@ -37,7 +50,8 @@ struct sheet_line {
 
 /* Faces are the mesh's triangles by number; those that take no part have LOD_NONE as first corner. Vertices are the fans of adjacency.h. */
 struct sheet {
-  const struct lod_mesh *mesh;
+  const struct lod_mesh *mesh; /* of cleaned */
+  const struct cleaned *cleaned;
   uint32_t vertex_count, face_count;
   const uint32_t *origin; /* vertex_count: mesh vertex */
   uint32_t *copies;       /* vertex_count: the next vertex of the same mesh vertex, around */
@@ -59,7 +73,7 @@ struct sheet {
 };
 
 /* counts: vertices of each level, coarsest first: they decide which creases a level can afford. */
-LOD_WARN_UNUSED enum lod_status sheet_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings,
+LOD_WARN_UNUSED enum lod_status sheet_create(const struct cleaned *cleaned, const struct lod_retile_settings *settings,
                                              const uint32_t *counts, uint32_t level_count, struct lod_arena *arena, struct sheet *sheet);
 /* A place on the sheet. */
 struct lod_vec3 sheet_position(const struct sheet *sheet, const struct lod_retile_point *point);
@@ -106,6 +120,11 @@ int cloud_grid_buckets(const struct cloud_grid *grid, struct lod_vec3 p, uint32_
 /* Are the two neighbours on the surface, as far as position and normal tell? Sheets that lie back to back or fold are not (Turk 1992, Fig.
  * 2a). */
 bool cloud_neighbours(const struct cloud_point *a, const struct cloud_point *b, double distance_squared);
+/* In space and, times `bend`, between normals: points that a bend lies between are farther apart (model units a unit of normal). */
+static inline double cloud_distance_squared(const struct cloud_point *a, const struct cloud_point *b, double bend) {
+  double d2 = lod_vec3_distance_squared(a->position, b->position);
+  return bend > 0 ? d2 + bend * bend * lod_vec3_distance_squared(a->normal, b->normal) : d2;
+}
 void cloud_place(const struct sheet *sheet, const struct lod_retile_point *at, struct cloud_point *point);
 
 /* Draws `count` points by weighted area. stratified: one from each of `count` parts of equal area. */
@@ -114,10 +133,11 @@ LOD_WARN_UNUSED enum lod_status sample_draw(const struct sheet *sheet, uint32_t 
 /* Chooses `keep` of points [fixed, count) so that they and the fixed ones lie far from one another; distance: the wanted one, model units.
  * kept[i] for all points. */
 LOD_WARN_UNUSED enum lod_status sample_eliminate(const struct cloud_point *points, uint32_t fixed, uint32_t count, uint32_t keep,
-                                                 double distance, struct lod_arena *arena, bool *kept);
+                                                 double distance, double bend, struct lod_arena *arena, bool *kept);
 /* Moves points [fixed, count) away from one another and from the fixed ones. */
 LOD_WARN_UNUSED enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *points, uint32_t fixed, uint32_t count,
-                                             double radius, double damping, uint32_t steps, uint32_t threads, struct lod_arena *arena);
+                                             double radius, double damping, double bend, uint32_t steps, uint32_t threads,
+                                             struct lod_arena *arena);
 /* Moves a point over the triangles; it slides along features and boundaries. */
 void repel_walk(const struct sheet *sheet, struct cloud_point *point, struct lod_vec3 displacement);
 
@@ -145,10 +165,12 @@ struct tiling {
   uint32_t *flat_next;           /* vertex_count */
   uint32_t *flat_head;           /* face_count */
   int64_t (*plane)[2];           /* vertex_count: of a flat point on its way: in the plane of a chart, times ONE */
-  const struct lod_bvh *source;  /* over sheet.mesh, when the error leads; or NULL */
-  float *missed;                 /* face_count: match_face as it is known; see match.c */
-  double enough;                 /* flips may not raise the error above this, and are wanted where it is; INFINITY = it does not matter */
-  uint32_t *free_faces;          /* dead slots that new faces take before others; set by insert.c for a while */
+  enum lod_retile_measure measure;
+  enum lod_retile_projection projection;
+  const struct lod_bvh *source; /* over sheet.mesh, when the error leads; or NULL */
+  float *missed;                /* face_count: match_face as it is known; see match.c */
+  double enough;                /* flips may not raise the error above this, and are wanted where it is; INFINITY = it does not matter */
+  uint32_t *free_faces;         /* dead slots that new faces take before others; set by insert.c for a while */
   uint32_t free_count;
 };
 
@@ -214,6 +236,8 @@ double match_back(const struct tiling *tiling, const uint32_t v[3], double enoug
 /* Of a face and what lies on it, both ways; and the largest of all faces. */
 double match_face(const struct tiling *tiling, uint32_t f, double enough);
 double match_worst(struct tiling *tiling);
+/* The one that `share` of the faces are above. */
+LOD_WARN_UNUSED enum lod_status match_typical(struct tiling *tiling, double share, double enough, struct lod_arena *arena, double *miss);
 /* match_face, looked up where the face has not changed since it was asked. */
 double match_known(struct tiling *tiling, uint32_t f, double enough);
 static inline void match_forget(struct tiling *tiling, uint32_t f) {
@@ -225,22 +249,59 @@ bool match_allows_flip(const struct tiling *tiling, uint32_t h, double most);
 /* ---- insert.c ---- */
 
 /* Puts removed vertices back, of those `allowed` (by vertex), where the error is largest, until it is nowhere above `enough` or `most` are
- * back; they become candidates of the level. fill: `most` come back even where there is no error, those with most room. */
+ * back; they become candidates of the level. INSERT_FILL: then `most` come back even where there is no error, those with most room;
+ * INSERT_ALL: no error is asked for. */
+enum insert_mode { INSERT_MISSED, INSERT_FILL, INSERT_ALL };
 LOD_WARN_UNUSED enum lod_status insert_vertices(struct tiling *tiling, const bool *allowed, uint32_t level, uint32_t most, double enough,
-                                                bool fill, struct lod_arena *arena, uint32_t *inserted);
+                                                enum insert_mode mode, struct lod_arena *arena, uint32_t *inserted);
+
+/* ---- prove.c ---- */
+
+/* bad: triangles, of both sides, that are not proven to lie within `error` of the other side; match_known tells of them from now on. 0: the
+ * level is within it. wanted (by vertex): removed corners of such triangles of the source. */
+LOD_WARN_UNUSED enum lod_status prove_level(struct tiling *tiling, double error, uint32_t threads, struct lod_arena *arena, bool *wanted,
+                                            uint32_t *bad);
 
 /* ---- lead.c: the error leads ---- */
 
-/* Moves a share of the level's vertices to where the error is, and the finest level's to where its triangles want them.
- * wanted: vertices of the level. finer_to (by tiling vertex; NULL for the finest): LOD_NONE = not in the finer level. */
+/* What a level shall be. */
+struct retile_goal {
+  uint32_t vertices; /* so many, when error is 0; else about so many to begin with */
+  uint32_t most;     /* with an error: no more */
+  double error;      /* to be met, in the mesh's units; 0 = none */
+  bool pilot;        /* only to learn how many vertices the error takes */
+  double typical;    /* out, with an error: what a small share of the faces misses by, before vertices are added */
+};
+
+/* Moves a share of the level's vertices to where the error is, and the finest level's to where its triangles want them; adds vertices until
+ * the goal's error is met. finer_to (by tiling vertex; NULL for the finest): LOD_NONE = not in the finer level. bound: proven error of the
+ * level, INFINITY = none. */
 LOD_WARN_UNUSED enum lod_status lead_level(struct tiling *tiling, const struct lod_retile_settings *settings, uint32_t level,
-                                           const uint32_t *finer_to, uint32_t wanted, struct lod_arena *arena);
+                                           const uint32_t *finer_to, struct retile_goal *goal, struct lod_arena *arena, double *bound);
+
+/* ---- prune.c ---- */
+
+/* Takes away all pieces but the largest whose bounding box has a diagonal under `size`; their vertices lie flat on no face (LOD_NONE). */
+LOD_WARN_UNUSED enum lod_status prune_pieces(struct tiling *tiling, double size, struct lod_arena *arena);
 
 /* ---- settle.c ---- */
 
 /* Moves the level's own vertices to better places on the source, in `sweeps`; an error up to `enough` does not matter. For the finest
  * level: what is flattened does not move along. */
 void settle_vertices(struct tiling *tiling, uint32_t level, uint32_t sweeps, double enough);
+
+/* ---- fill.c: Turk's own ways, for remove.c ---- */
+
+/* The polygon `places` (of `at`, counter-clockwise) by greedy triangulation: the shortest diagonals first, lengths (by place) in space,
+ * that cross nothing and are not `joined` already (bits by place). Appends triangles of places; false: there is none. */
+bool fill_greedy(const struct chart_point *at, const uint8_t *places, uint32_t count, const struct lod_vec3 *positions,
+                 const uint64_t *joined, uint8_t (*triangles)[3], uint32_t *triangle_count);
+/* Does the outline cross or touch itself, or run clockwise? */
+bool fill_is_simple(const struct chart_point *at, const uint8_t *places, uint32_t count);
+enum { FILL_PLANES = 14 };
+/* Positions seen from `normal` (plane 0) or from one of 13 other directions, centred at `origin`. */
+void fill_project(const struct lod_vec3 *positions, uint32_t count, struct lod_vec3 origin, struct lod_vec3 normal, uint32_t plane,
+                  struct chart_point *at);
 
 /* ---- improve.c ---- */
 void improve_flips(struct tiling *tiling, uint32_t passes);

@@ -4,6 +4,7 @@
  * is nearer, bounds its distance to all of them from above, and is mostly the same. Back: the middles of triangles and of their sides,
  * where normals tell that a triangle may leave the surface. This leads; it proves nothing. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "core/retile/internal.h"
 
@@ -121,4 +122,21 @@ bool match_allows_flip(const struct tiling *t, uint32_t h, double most) {
       if (to_triangle(t, fresh[0], t->positions[v]) > most * most && to_triangle(t, fresh[1], t->positions[v]) > most * most)
         return false; /* a neighbour may be nearer, as match_error would find: never mind */
   return !leaves_source(t, fresh[0], most) && !leaves_source(t, fresh[1], most);
+}
+
+static int compare_floats(const void *a, const void *b) {
+  float x = *(const float *)a, y = *(const float *)b;
+  return (x < y) - (x > y);
+}
+
+enum lod_status match_typical(struct tiling *tiling, double share, double enough, struct lod_arena *arena, double *miss) {
+  float *list;
+  uint32_t count = 0;
+  RETILE_TRY_NEW(list, arena, tiling->face_count);
+  for (uint32_t f = 0; f < tiling->face_count; f++)
+    if (tiling->faces[f][0] != LOD_NONE)
+      list[count++] = (float)match_known(tiling, f, enough);
+  qsort(list, count, sizeof *list, compare_floats);
+  *miss = count == 0 ? 0 : (double)list[(uint32_t)(share * count)];
+  return LOD_OK;
 }

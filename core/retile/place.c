@@ -208,6 +208,11 @@ static enum lod_status add_fixed(struct placer *p, struct cloud *cloud, struct s
   return LOD_OK;
 }
 
+/* Normals at a right angle are 2^(1/2) apart. */
+static double bend_of(const struct placer *p, uint32_t level) {
+  return p->settings->anisotropy / 1.4142135623730951 * sqrt(p->sheet->area / fmax(1, p->counts[level]));
+}
+
 /* Chooses which face points belong to which level, finest first: level k's are chosen among level k + 1's. */
 static enum lod_status choose_births(struct placer *p, struct cloud *cloud) {
   uint32_t face_count = cloud->count - cloud->fixed;
@@ -232,7 +237,7 @@ static enum lod_status choose_births(struct placer *p, struct cloud *cloud) {
       }
     uint32_t keep = p->on_faces[level];
     double distance = 2 * sqrt(p->sheet->weighted_area / (2 * 1.7320508075688772 * fmax(1, keep + 0.5 * fixed)));
-    LOD_TRY(sample_eliminate(subset, fixed, count, keep, distance, p->scratch, kept));
+    LOD_TRY(sample_eliminate(subset, fixed, count, keep, distance, bend_of(p, level), p->scratch, kept));
     for (uint32_t i = fixed; i < count; i++)
       if (kept[i])
         birth[from[i]] = (uint8_t)level;
@@ -260,8 +265,8 @@ static enum lod_status relax(struct placer *p, struct cloud *cloud) {
     double radius =
         p->settings->radius *
         sqrt(p->sheet->weighted_area / fmax(1, p->on_faces[level] + 0.5 * (fixed < p->on_lines[level] ? fixed : p->on_lines[level])));
-    LOD_TRY(
-        repel_points(p->sheet, subset, fixed, count, radius, p->settings->damping, p->settings->steps, p->settings->threads, p->scratch));
+    LOD_TRY(repel_points(p->sheet, subset, fixed, count, radius, p->settings->damping, bend_of(p, level), p->settings->steps,
+                         p->settings->threads, p->scratch));
     for (uint32_t i = fixed; i < count; i++)
       cloud->points[from[i]] = subset[i];
   }

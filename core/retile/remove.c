@@ -221,17 +221,34 @@ static double triangle_cost(const struct tiling *t, const struct star *s, uint8_
   return sides * (1 + 3 * away + (away > 0.8 ? 30 * (away - 0.8) : 0));
 }
 
+/* Less is better: minus the least angle. */
+static double angle_cost(const struct tiling *t, const struct star *s, uint8_t a, uint8_t b, uint8_t c) {
+  double least = 4;
+  const uint8_t place[3] = {a, b, c};
+  for (int k = 0; k < 3; k++)
+    least = fmin(least, angle_at(t->positions[s->ring[place[k]]], t->positions[s->ring[place[(k + 1) % 3]]],
+                                 t->positions[s->ring[place[(k + 2) % 3]]]));
+  return -least;
+}
+
 /* The cheapest triangulation of one hole; its triangles are added. */
 static bool fill(struct remover *r, const struct polygon *p) {
   const struct star *s = &r->star;
   const struct tiling *t = r->tiling;
   uint32_t n = p->count;
+  if (t->measure == LOD_RETILE_MEASURE_LENGTH) {
+    struct lod_vec3 positions[MAX_RING + 1];
+    for (uint32_t i = 0; i < s->ring_count; i++)
+      positions[i] = t->positions[s->ring[i]];
+    return fill_greedy(s->at, p->places, n, positions, s->joined, r->triangles, &r->triangle_count);
+  }
+  bool by_angle = t->measure == LOD_RETILE_MEASURE_ANGLE;
   struct lod_vec3 facing = {0, 0, 0};
   for (uint32_t i = 0; i + 1 < n + (p->closing ? 0 : 1); i++)
     facing = lod_vec3_add(facing, normal_of(t, s->v, s->ring[p->places[i]], s->ring[p->places[(i + 1) % n]]));
   facing = lod_vec3_normalize(facing);
   for (uint32_t i = 0; i + 1 < n; i++)
-    r->cost[i][i + 1] = 0;
+    r->cost[i][i + 1] = by_angle ? -4 : 0;
   for (uint32_t length = 2; length < n; length++)
     for (uint32_t i = 0; i + length < n; i++) {
       uint32_t j = i + length;
@@ -241,10 +258,10 @@ static bool fill(struct remover *r, const struct polygon *p) {
         continue;
       for (uint32_t k = i + 1; k < j; k++) {
         uint8_t b = p->places[k];
-        double sum = r->cost[i][k] + r->cost[k][j];
+        double sum = by_angle ? fmax(r->cost[i][k], r->cost[k][j]) : r->cost[i][k] + r->cost[k][j];
         if (!(sum < r->cost[i][j]) || chart_orient(s->at[a], s->at[b], s->at[c]) <= 0)
           continue;
-        sum += triangle_cost(t, s, a, b, c, facing);
+        sum = by_angle ? fmax(sum, angle_cost(t, s, a, b, c)) : sum + triangle_cost(t, s, a, b, c, facing);
         if (sum < r->cost[i][j]) {
           r->cost[i][j] = sum;
           r->apex[i][j] = (uint8_t)k;
@@ -370,6 +387,22 @@ static bool widen(struct remover *r) {
   return true;
 }
 
+/* The ring projected onto one of Turk's planes; false when an outline crosses itself there (his first check). */
+static bool look_from(struct remover *r, uint32_t plane) {
+  const struct tiling *t = r->tiling;
+  struct star *s = &r->star;
+  struct lod_vec3 positions[MAX_RING + 1], normal = {0, 0, 0};
+  for (uint32_t i = 0; i < s->ring_count; i++)
+    positions[i] = t->positions[s->ring[i]];
+  for (uint32_t i = 0; i < s->faces; i++)
+    normal = lod_vec3_add(normal, normal_of(t, s->v, s->ring[i], s->ring[(i + 1) % s->ring_count]));
+  fill_project(positions, s->ring_count, t->positions[s->v], lod_vec3_normalize(normal), plane, s->at);
+  for (uint32_t i = 0; i < r->polygon_count; i++)
+    if (!fill_is_simple(s->at, r->polygons[i].places, r->polygons[i].count))
+      return false;
+  return true;
+}
+
 static bool remove_vertex(struct remover *r, uint32_t v) {
   struct star *s = &r->star;
   for (int attempt = 0;; attempt++) {
@@ -384,9 +417,10 @@ static bool remove_vertex(struct remover *r, uint32_t v) {
   }
   if (!join(r) || !closes(r))
     return false;
-  for (int even = 0; even < 2; even++) {
+  uint32_t layouts = r->tiling->projection == LOD_RETILE_PLANES ? FILL_PLANES : 2;
+  for (uint32_t layout = 0; layout < layouts; layout++) {
     r->triangle_count = 0;
-    if (!lay_out(r->tiling, s, even != 0))
+    if (layouts == 2 ? !lay_out(r->tiling, s, layout != 0) : !look_from(r, layout))
       continue;
     bool filled = true;
     for (uint32_t i = 0; i < r->polygon_count && filled; i++)

@@ -76,7 +76,7 @@ struct repulsion {
   struct lod_vec3 *moves;
   struct cloud_grid grid;
   uint32_t fixed;
-  double radius, damping;
+  double radius, damping, bend; /* bend: as cloud_distance_squared */
 };
 
 static void push_chunk(void *context, size_t begin, size_t end, size_t chunk) {
@@ -91,11 +91,12 @@ static void push_chunk(void *context, size_t begin, size_t end, size_t chunk) {
       for (uint32_t m = r->grid.begin[buckets[b]]; m < r->grid.begin[buckets[b] + 1]; m++) {
         const struct cloud_point *other = &r->points[r->grid.members[m]];
         struct lod_vec3 away = lod_vec3_subtract(a->position, other->position);
-        double d2 = lod_vec3_length_squared(away), reach = r->radius * 0.5 * (a->spacing + other->spacing);
-        if (other == a || d2 >= reach * reach || !(d2 > 0) || !cloud_neighbours(a, other, d2))
+        double d2 = cloud_distance_squared(a, other, r->bend), reach = r->radius * 0.5 * (a->spacing + other->spacing);
+        if (other == a || d2 >= reach * reach || !(d2 > 0) || !cloud_neighbours(a, other, lod_vec3_length_squared(away)))
           continue;
-        double d = sqrt(d2);
-        sum = lod_vec3_add_scaled(sum, away, (1 - d / reach) / d); /* the walk projects it onto the surface */
+        double d = sqrt(d2), length = lod_vec3_length(away);
+        if (length > 0)
+          sum = lod_vec3_add_scaled(sum, away, (1 - d / reach) / length); /* the walk projects it onto the surface */
       }
     double length = lod_vec3_length(sum) * r->damping;
     r->moves[i] = lod_vec3_scale(sum, r->radius * a->spacing * r->damping * (length > 0.25 ? 0.25 / length : 1));
@@ -110,9 +111,9 @@ static void walk_chunk(void *context, size_t begin, size_t end, size_t chunk) {
 }
 
 enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *points, uint32_t fixed, uint32_t count, double radius,
-                             double damping, uint32_t steps, uint32_t threads, struct lod_arena *arena) {
+                             double damping, double bend, uint32_t steps, uint32_t threads, struct lod_arena *arena) {
   enum { GRAIN = 1024 };
-  struct repulsion r = {.sheet = sheet, .points = points, .fixed = fixed, .radius = radius, .damping = damping};
+  struct repulsion r = {.sheet = sheet, .points = points, .fixed = fixed, .radius = radius, .damping = damping, .bend = bend};
   double widest = 0;
   enum lod_status status = LOD_OK;
   for (uint32_t i = 0; i < count; i++)

@@ -26,18 +26,40 @@ struct lod_retile_settings lod_retile_defaults(void) {
                                       .flips = 4};
 }
 
+struct lod_retile_settings lod_retile_turk(void) {
+  struct lod_retile_settings s = lod_retile_defaults();
+  s.placement = LOD_RETILE_TURK;
+  s.curvature = LOD_RETILE_CURVATURE_TURK;
+  s.measure = LOD_RETILE_MEASURE_LENGTH;
+  s.projection = LOD_RETILE_PLANES;
+  s.steps = 40;
+  s.damping = 0.15;
+  s.radius = 2;
+  s.crease_degrees = 180;
+  s.flips = 2;
+  s.lead = 0;
+  s.settle = 0;
+  return s;
+}
+
 enum lod_status retile_check_settings(const struct lod_retile_settings *s, struct lod_problem *problem) {
-  if (s->vertices != NULL && (s->level_count == 0 || s->level_count > LOD_RETILE_MAX_LEVELS))
+  if ((s->vertices != NULL || s->errors != NULL) && (s->level_count == 0 || s->level_count > LOD_RETILE_MAX_LEVELS))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-vertices", "Between 1 and %d vertex counts can be asked for, not %u.",
                     LOD_RETILE_MAX_LEVELS, s->level_count);
-  if (s->vertices == NULL && !(s->ratio >= 1.1 && s->ratio <= 1000 && s->finest_error > 0))
+  for (uint32_t k = 0; s->errors != NULL && k < s->level_count; k++)
+    if (!(s->errors[k] >= 0 && s->errors[k] < INFINITY) || (s->vertices == NULL && s->errors[k] == 0))
+      return lod_fail(problem, LOD_BAD_INPUT, "bad-errors", "The error of a level must be a positive number, not %g.", s->errors[k]);
+  if (s->vertices == NULL && s->errors == NULL && !(s->ratio >= 1.1 && s->ratio <= 1000 && s->finest_error > 0))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-ladder",
                     "The ratio of levels must be in [1.1, 1000] and the finest error positive, not %g and %g.", s->ratio, s->finest_error);
   if (!(s->damping >= 0 && s->damping <= 1 && s->radius >= 0 && s->radius <= 10 && s->adapt >= 1 && s->adapt <= 100 && s->steps <= 10000))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-repulsion",
                     "Repulsion takes a damping in [0, 1], a radius in [0, 10], at most 10000 steps, and spacing adapts by 1 to 100.");
-  if (!(s->lead >= 0 && s->lead <= 0.9 && s->settle <= 1000))
-    return lod_fail(problem, LOD_BAD_INPUT, "bad-lead", "The share of vertices led by the error must be in [0, 0.9], not %g.", s->lead);
+  if (!(s->lead >= 0 && s->lead <= 0.9 && s->settle <= 1000 && s->prune >= 0 && s->prune <= 1000 && s->anisotropy >= 0 &&
+        s->anisotropy <= 100))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-lead",
+                    "The share of vertices led by the error must be in [0, 0.9], not %g, pruning in [0, 1000] and anisotropy in [0, 100].",
+                    s->lead);
   return LOD_OK;
 }
 
@@ -68,24 +90,58 @@ enum lod_status retile_vertices_for(const struct lod_mesh *mesh, double error, s
   return status;
 }
 
-/* Vertex counts, coarsest first. */
-static enum lod_status choose_counts(const struct lod_mesh *mesh, const struct lod_retile_settings *s, struct lod_arena *arena,
-                                     uint32_t counts[LOD_RETILE_MAX_LEVELS], uint32_t *level_count) {
+static int compare_errors(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return (x < y) - (x > y);
+}
+
+/* Share of the vertices that an error needs by curvature alone which a level begins with: what misses is added where it does. */
+static const double kBegin = 0.85;
+
+static enum lod_status choose_by_error(const struct lod_mesh *mesh, const struct lod_retile_settings *s, struct lod_arena *arena,
+                                       struct retile_goal *goals) {
+  double *errors = lod_arena_copy(arena, s->errors, s->level_count * sizeof *errors);
+  if (errors == NULL)
+    return LOD_MEMORY;
+  qsort(errors, s->level_count, sizeof *errors, compare_errors);
+  for (uint32_t k = 0; k < s->level_count; k++) {
+    double needed;
+    LOD_TRY(retile_vertices_for(mesh, errors[k], arena, &needed));
+    needed = fmin(fmax(4, kBegin * needed), 0.7 * mesh->vertex_count);
+    goals[k] = (struct retile_goal){.vertices = (uint32_t)lrint(needed), .most = UINT32_MAX, .error = errors[k]};
+  }
+  return LOD_OK;
+}
+
+/* Coarsest first. */
+static enum lod_status choose_goals(const struct lod_mesh *mesh, const struct lod_retile_settings *s, struct lod_arena *arena,
+                                    struct retile_goal goals[LOD_RETILE_MAX_LEVELS], uint32_t *level_count) {
+  *level_count = s->level_count;
+  if (s->vertices == NULL && s->errors != NULL)
+    return choose_by_error(mesh, s, arena, goals);
   if (s->vertices != NULL) {
+    uint32_t counts[LOD_RETILE_MAX_LEVELS];
     memcpy(counts, s->vertices, s->level_count * sizeof *counts);
-    qsort(counts, s->level_count, sizeof *counts, compare_counts);
-    *level_count = s->level_count;
+    if (s->errors == NULL)
+      qsort(counts, s->level_count, sizeof *counts, compare_counts);
+    for (uint32_t k = 0; k < s->level_count; k++)
+      goals[k] = (struct retile_goal){.vertices = counts[k],
+                                      .most = counts[k] > UINT32_MAX / 2 ? UINT32_MAX : 2 * counts[k],
+                                      .error = s->errors == NULL ? 0 : s->errors[k]};
     return LOD_OK;
   }
   struct lod_bounds bounds = lod_mesh_bounds(mesh);
   double error = s->finest_error * lod_bounds_diagonal(&bounds), finest = 0;
   if (error > 0)
     LOD_TRY(retile_vertices_for(mesh, error, arena, &finest));
-  finest = fmin(fmax(finest, s->least), mesh->vertex_count);
+  bool reachable = 2 * finest <= mesh->vertex_count;
+  finest = fmin(fmax(2 * finest, s->least), mesh->vertex_count);
   double steps = fmax(0, floor(log(finest / fmax(4, s->least)) / log(s->ratio) + 0.5));
   *level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
-  for (uint32_t k = 0; k < *level_count; k++)
-    counts[k] = (uint32_t)fmax(4, lrint(finest / pow(s->ratio, *level_count - 1 - k)));
+  for (uint32_t k = 0; k < *level_count; k++) {
+    uint32_t count = (uint32_t)fmax(4, lrint(finest / pow(s->ratio, *level_count - 1 - k)));
+    goals[k] = (struct retile_goal){.vertices = count, .most = 2 * count, .error = reachable && k + 1 == *level_count ? error : 0};
+  }
   return LOD_OK;
 }
 
@@ -108,13 +164,13 @@ static enum lod_status record_step(const struct tiling *tiling, struct lod_retil
       at->weights[tiling->corner[v] % 3] = LOD_RETILE_ONE;
     } else {
       *at = tiling->flat[v];
-      at->face = face_to[at->face];
+      at->face = at->face == LOD_NONE ? LOD_NONE : face_to[at->face];
     }
   }
   return LOD_OK;
 }
 
-static enum lod_status build_levels(struct tiling *tiling, const struct lod_retile_settings *settings, const uint32_t *counts,
+static enum lod_status build_levels(struct tiling *tiling, const struct lod_retile_settings *settings, struct retile_goal *goals,
                                     const struct lod_progress *progress, struct lod_arena *arena, struct lod_arena *scratch,
                                     struct lod_retile *retile) {
   uint32_t *maps[2], *face_to;
@@ -134,33 +190,89 @@ static enum lod_status build_levels(struct tiling *tiling, const struct lod_reti
       LOD_TRY(remove_vertices(tiling, too_fine, k, scratch, &left));
       improve_flips(tiling, 1);
     }
-    if (settings->lead > 0)
-      LOD_TRY(lead_level(tiling, settings, k, k + 1 < retile->level_count ? maps[(k + 1) % 2] : NULL, counts[k], scratch));
+    if (settings->prune > 0 && !(goals[k].error > 0))
+      LOD_TRY(prune_pieces(tiling, settings->prune * sqrt(1.1547005383792517 * tiling->sheet->area / fmax(1, goals[k].vertices)), scratch));
+    double bound = INFINITY;
+    if (tiling->source != NULL)
+      LOD_TRY(lead_level(tiling, settings, k, k + 1 < retile->level_count ? maps[(k + 1) % 2] : NULL, &goals[k], scratch, &bound));
     LOD_TRY(extract_level(tiling, k, arena, level, maps[k % 2], face_to));
+    level->bound = bound;
+    level->missed = tiling->source == NULL ? 0 : match_worst(tiling);
     if (k + 1 < retile->level_count)
       LOD_TRY(record_step(tiling, level, &retile->levels[k + 1], maps[(k + 1) % 2], maps[k % 2], face_to, arena));
   }
   return LOD_OK;
 }
 
-static enum lod_status create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, const struct lod_progress *progress,
-                              struct lod_arena *arena, struct lod_arena *scratch, struct lod_retile *retile) {
+static enum lod_status attempt(const struct cleaned *cleaned, const struct lod_retile_settings *settings, struct retile_goal *goals,
+                               const struct lod_bvh *bvh, const struct lod_progress *progress, struct lod_arena *arena,
+                               struct lod_arena *scratch, struct lod_retile *retile) {
   uint32_t counts[LOD_RETILE_MAX_LEVELS];
-  LOD_TRY(choose_counts(mesh, settings, scratch, counts, &retile->level_count));
+  for (uint32_t k = 0; k < retile->level_count; k++)
+    counts[k] = goals[k].vertices;
   RETILE_TRY_NEW_ZERO(retile->levels, arena, retile->level_count);
   struct sheet sheet;
   struct sites sites;
   struct tiling tiling;
-  LOD_TRY(sheet_create(mesh, settings, counts, retile->level_count, scratch, &sheet));
+  LOD_TRY(sheet_create(cleaned, settings, counts, retile->level_count, scratch, &sheet));
   LOD_TRY(place_sites(&sheet, settings, counts, retile->level_count, progress, scratch, &sites));
   lod_progress_report(progress, "tessellate", 0.35);
   LOD_TRY(tiling_create(&sheet, &sites, scratch, &tiling));
   tiling.enough = INFINITY;
-  struct lod_bvh *bvh = NULL;
-  if (settings->lead > 0)
-    LOD_TRY(lod_bvh_create(mesh, settings->threads, scratch, &bvh));
+  tiling.measure = settings->measure;
+  tiling.projection = settings->projection;
   tiling.source = bvh;
-  return build_levels(&tiling, settings, counts, progress, arena, scratch, retile);
+  return build_levels(&tiling, settings, goals, progress, arena, scratch, retile);
+}
+
+/* Numbers of vertices from what a pilot missed by: errors go with one over the number. False when they are good as they are. */
+static bool correct_goals(struct retile_goal *goals, uint32_t level_count) {
+  static const double kAim = 0.85, kFew = 1.2, kMany = 0.7; /* of the error: what to aim at, and what is near enough to it */
+  bool changed = false;
+  for (uint32_t k = level_count; k-- > 0;) {
+    struct retile_goal *g = &goals[k];
+    double ratio = g->error > 0 ? g->typical / (kAim * g->error) : 1;
+    bool grows = ratio > kFew && g->vertices < g->most, shrinks = ratio < kMany && g->vertices > 4;
+    if (!grows && !shrinks)
+      continue;
+    double count = fmin(g->vertices * fmin(4, fmax(0.25, ratio)), fmin(g->most, 4e9));
+    g->vertices = (uint32_t)fmax(4, lrint(count));
+    changed = true;
+  }
+  for (uint32_t k = 1; k < level_count; k++) /* levels stay in order */
+    goals[k].vertices = goals[k].vertices < goals[k - 1].vertices ? goals[k - 1].vertices : goals[k].vertices;
+  return changed;
+}
+
+static enum lod_status create(const struct lod_mesh *source, const struct lod_retile_settings *settings,
+                              const struct lod_progress *progress, struct lod_arena *arena, struct lod_arena *scratch,
+                              struct lod_retile *retile) {
+  enum { MOST_PILOTS = 3 };
+  struct cleaned cleaned;
+  LOD_TRY(clean_source(source, scratch, &cleaned));
+  const struct lod_mesh *mesh = &cleaned.mesh;
+  struct retile_goal goals[LOD_RETILE_MAX_LEVELS];
+  LOD_TRY(choose_goals(mesh, settings, scratch, goals, &retile->level_count));
+  struct lod_bvh *bvh = NULL;
+  bool errors = false;
+  for (uint32_t k = 0; k < retile->level_count; k++)
+    errors = errors || goals[k].error > 0;
+  if (settings->lead > 0 || errors)
+    LOD_TRY(lod_bvh_create(mesh, settings->threads, scratch, &bvh));
+  /* Numbers asked for, or of a ladder, are not tried beforehand: that would take as long as the levels themselves. */
+  for (int pilot = 0; pilot < MOST_PILOTS && settings->vertices == NULL && settings->errors != NULL; pilot++) {
+    struct lod_arena *trial = lod_arena_create_child(scratch);
+    for (uint32_t k = 0; k < retile->level_count; k++)
+      goals[k].pilot = true;
+    enum lod_status status = trial == NULL ? LOD_MEMORY : attempt(&cleaned, settings, goals, bvh, progress, trial, trial, retile);
+    lod_arena_destroy(trial);
+    LOD_TRY(status);
+    if (!correct_goals(goals, retile->level_count))
+      break;
+  }
+  for (uint32_t k = 0; k < retile->level_count; k++)
+    goals[k].pilot = false;
+  return attempt(&cleaned, settings, goals, bvh, progress, arena, scratch, retile);
 }
 
 enum lod_status lod_retile_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings,
@@ -190,7 +302,9 @@ static enum lod_status tessellate(const struct lod_mesh *mesh, const struct lod_
   struct sites sites = {.count = point_count};
   struct tiling tiling;
   settings.curvature = LOD_RETILE_CURVATURE_NONE;
-  LOD_TRY(sheet_create(mesh, &settings, &(uint32_t){point_count}, 1, scratch, &sheet));
+  settings.anisotropy = 0;
+  const struct cleaned as_it_is = {.source = mesh, .mesh = *mesh};
+  LOD_TRY(sheet_create(&as_it_is, &settings, &(uint32_t){point_count}, 1, scratch, &sheet));
   RETILE_TRY_NEW(sites.items, scratch, point_count);
   for (uint32_t i = 0; i < point_count; i++) {
     struct lod_retile_point p = points[i];

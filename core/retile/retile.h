@@ -22,10 +22,19 @@
  * Fragments (Turk 1992, 6.2) are core/mesh/overlay.h's, which any nested family can use; `flat` is the record of removal, and
  * lod_retile_check_map says how many of its triangles lie on one coarse triangle, and how many of these fold.
  *
- * Not built: P1-18 greedy triangulation and P1-22 the
- * 14 planes as modes; P1-35 anisotropic spacing; P1-37 placement led by the measured error; P1-38 removal of small parts and handles: a
- * part keeps at least the vertices of its topology. A vertex with more than 62 triangles, or on a narrow strip between two lines, may be
- * retained. Points inside non-manifold cuts and along their edges are neither added nor removed. */
+ * The error leads (Turk 1992, 8). Each level gives up a share of its vertices, those that stand out least, and gets as many back where it
+ * misses the source by most; flips know the error; the finest level's vertices move over the source to where its triangles want them
+ * (lead.c). An error asked for is met by adding vertices until it is proven, both ways (prove.c); where that does not succeed `bound` says
+ * so.
+ *
+ * Turk's own ways are settings: placement, curvature, measure, projection, or all of them at once: lod_retile_turk.
+ *
+ * The source is cleaned first: of triangles with the same corners one is re-tiled, and where two looked either way, every level gets both
+ * sides again; triangles are turned so that neighbours agree where a surface can be oriented.
+ *
+ * Not built: removal of handles (P1-38 removes pieces; a piece keeps at least the vertices of its topology). A vertex with more than 62
+ * triangles, or on a narrow strip between two lines, may be retained. Points inside non-manifold cuts and along their edges are neither
+ * added nor removed. An error near the size of the source's own triangles may stay unproven. */
 #ifndef LOD_CORE_RETILE_RETILE_H
 #define LOD_CORE_RETILE_RETILE_H
 
@@ -45,12 +54,30 @@ enum lod_retile_curvature {
   LOD_RETILE_CURVATURE_TURK,   /* the same with Turk's estimate (5.1) */
 };
 
+/* What a hole is filled by, and edges are flipped for. */
+enum lod_retile_measure {
+  LOD_RETILE_MEASURE_COST, /* least sum of squared sides and of turning away from the old triangles; flips: Delaunay, if the surface allows
+                            */
+  LOD_RETILE_MEASURE_LENGTH, /* greedy: the shortest edge in space that crosses none (Turk 1992, 4.2, 4.7); flips: the shorter diagonal */
+  LOD_RETILE_MEASURE_ANGLE,  /* largest least angle (Turk 1992, 4.7) */
+};
+
+/* How the neighbours of a removed vertex are laid out. */
+enum lod_retile_projection {
+  LOD_RETILE_POLAR,  /* polar map: never folds */
+  LOD_RETILE_PLANES, /* the tangent plane, and where its outline crosses itself 13 others; else the vertex stays (Turk 1992, 4.4) */
+};
+
 struct lod_retile_settings {
-  const uint32_t *vertices; /* vertices of each level, any order; NULL = the ladder that follows from the next three */
-  uint32_t level_count;     /* of `vertices`, at most LOD_RETILE_MAX_LEVELS */
-  double ratio;             /* of the vertices of neighbouring levels, > 1; 4 */
-  uint32_t least;           /* about the vertices of the coarsest level; 200 */
-  double finest_error;      /* the ladder ends near the vertices that this error (share of the diagonal) needs, or the source has; 2e-4 */
+  /* Of each level; one, both or none. Vertices alone (any order): exactly so many. Errors alone (any order; model units): as few vertices
+   * as prove it. Both (coarsest first): an error of 0 leaves the level to its number; else it begins with that and grows up to twice as
+   * many. None: the ladder that follows from the next three. */
+  const uint32_t *vertices;
+  const double *errors;
+  uint32_t level_count; /* of `vertices` and `errors`, at most LOD_RETILE_MAX_LEVELS */
+  double ratio;         /* of the vertices of neighbouring levels, > 1; 4 */
+  uint32_t least;       /* about the vertices of the coarsest level; 200 */
+  double finest_error;  /* the ladder ends near the vertices that this error (share of the diagonal) needs, or the source has; 2e-4 */
 
   enum lod_retile_placement placement;
   uint32_t steps; /* of repulsion for each level; 25. Turk: 40 */
@@ -66,11 +93,22 @@ struct lod_retile_settings {
   double corner_degrees; /* a line that turns more has a corner there, which stays; 45 */
   /* Share of each level's vertices that is not spread beforehand but put where the level misses the source by most, in [0, 0.9]; 0.12. */
   double lead;
-  uint32_t settle;  /* sweeps that move the finest level's vertices to better places when its triangles are known; 4 */
+  /* Pieces of the surface with a bounding box whose diagonal is less than this share of a level's spacing are missing from it, unless the
+   * level has an error to meet; 0: never. */
+  double prune;
+  uint32_t settle; /* sweeps that move the finest level's vertices to better places when its triangles are known; 4 */
+  enum lod_retile_measure measure;
+  enum lod_retile_projection projection;
+  /* Direction of curvature (Turk 1992, 8): normals that differ count as distance, by this many mean spacings for a right angle, so that
+   * points lie closer across a bend than along it; 0: not. After Levy, Bonneel. Variational Anisotropic Surface Meshing. 2012. */
+  double anisotropy;
   uint32_t flips;   /* passes over all edges of a level for better triangles; 4 */
   uint32_t threads; /* as lod_parallel_for; results do not depend on it */
 };
 struct lod_retile_settings lod_retile_defaults(void);
+/* Turk's method as he wrote it: random points, repulsion of 40 steps, his curvature, planes, greedy triangles, two clean-up passes, lines
+ * only at borders (and where the source is no surface), no more vertices where the error is. */
+struct lod_retile_settings lod_retile_turk(void);
 
 /* A point of a triangle: weights of its corners, which add up to LOD_RETILE_ONE. */
 struct lod_retile_point {
@@ -82,9 +120,12 @@ struct lod_retile_level {
   struct lod_mesh mesh;            /* with attributes sampled from the source, materials and parts */
   uint32_t candidates;             /* vertices placed by us, corners of features among them */
   uint32_t retained;               /* vertices of the source that could not be removed */
+  double bound;                    /* proven error of mesh, in its units; INFINITY = none was asked for, or it could not be met */
+  double missed;                   /* about its error, by the measure of match that leads: no proof; 0 = nothing led */
   struct lod_retile_point *points; /* vertex_count: where each lies on the source (face = source triangle) */
   uint32_t *parents;               /* vertex_count: the same vertex in the next finer level; of the finest: NULL */
-  /* Of each vertex of the next finer level: where it lies on this one (face = triangle of mesh) when it is flattened; finest: NULL. */
+  /* Of each vertex of the next finer level: where it lies on this one (face = triangle of mesh) when it is flattened; finest: NULL. With
+   * `prune`: face = LOD_NONE where its piece is missing here. */
   struct lod_retile_point *flat;
 };
 

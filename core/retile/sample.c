@@ -53,7 +53,7 @@ enum lod_status sample_draw(const struct sheet *sheet, uint32_t count, bool stra
 struct elimination {
   const struct cloud_point *points;
   struct cloud_grid grid;
-  double distance, least;
+  double distance, least, bend; /* bend: as cloud_distance_squared */
   double *weight;
   uint32_t *heap, *slot, heap_count; /* slot: place in the heap, LOD_NONE when fixed or gone */
   uint32_t fixed;
@@ -61,8 +61,8 @@ struct elimination {
 
 static double pair_weight(const struct elimination *e, uint32_t i, uint32_t j) {
   const struct cloud_point *a = &e->points[i], *b = &e->points[j];
-  double d2 = lod_vec3_distance_squared(a->position, b->position), reach = e->distance * 0.5 * (a->spacing + b->spacing);
-  if (d2 >= reach * reach || !cloud_neighbours(a, b, d2))
+  double d2 = cloud_distance_squared(a, b, e->bend), reach = e->distance * 0.5 * (a->spacing + b->spacing);
+  if (d2 >= reach * reach || !cloud_neighbours(a, b, lod_vec3_distance_squared(a->position, b->position)))
     return 0;
   double x = 1 - fmax(sqrt(d2) / reach, e->least);
   x *= x;
@@ -105,7 +105,7 @@ static double visit_neighbours(struct elimination *e, uint32_t i, bool lower) {
 }
 
 enum lod_status sample_eliminate(const struct cloud_point *points, uint32_t fixed, uint32_t count, uint32_t keep, double distance,
-                                 struct lod_arena *arena, bool *kept) {
+                                 double bend, struct lod_arena *arena, bool *kept) {
   for (uint32_t i = 0; i < count; i++)
     kept[i] = true;
   if (count - fixed <= keep)
@@ -113,7 +113,7 @@ enum lod_status sample_eliminate(const struct cloud_point *points, uint32_t fixe
   struct lod_arena *scratch = lod_arena_create_child(arena);
   if (scratch == NULL)
     return LOD_MEMORY;
-  struct elimination e = {.points = points, .distance = distance, .fixed = fixed};
+  struct elimination e = {.points = points, .distance = distance, .bend = bend, .fixed = fixed};
   e.least = keep == 0 ? 0 : 0.65 * (1 - pow((double)keep / (count - fixed), 1.5));
   double widest = 0;
   for (uint32_t i = 0; i < count; i++)

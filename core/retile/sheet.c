@@ -353,6 +353,11 @@ static enum lod_status find_features(struct sheet *sheet, const struct lod_adjac
   wanted.crease_degrees = settings->crease_degrees;
   wanted.corner_degrees = 180;
   LOD_TRY(lod_feature_find(mesh, adjacency, &wanted, scratch, &features));
+  for (uint32_t e = 0; sheet->cleaned != NULL && sheet->cleaned->back != NULL && e < adjacency->edge_count; e++) {
+    const uint32_t *uses = adjacency->edge_half_edges + adjacency->edge_begin[e], *back = sheet->cleaned->back;
+    if (adjacency->edge_begin[e + 1] - adjacency->edge_begin[e] == 2 && (back[uses[0] / 3] == LOD_NONE) != (back[uses[1] / 3] == LOD_NONE))
+      features.edges[e] |= LOD_FEATURE_MATERIAL; /* a wall with two sides ends */
+  }
   struct web web = {.mesh = mesh, .adjacency = adjacency, .flags = features.edges};
   RETILE_TRY_NEW(web.begin, scratch, (size_t)mesh->vertex_count + 1);
   RETILE_TRY_NEW(web.edges, scratch, 2 * (size_t)adjacency->edge_count);
@@ -488,9 +493,9 @@ static enum lod_status create(struct sheet *sheet, const struct lod_retile_setti
   return find_features(sheet, adjacency, settings, counts, level_count, arena, scratch);
 }
 
-enum lod_status sheet_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings, const uint32_t *counts,
+enum lod_status sheet_create(const struct cleaned *cleaned, const struct lod_retile_settings *settings, const uint32_t *counts,
                              uint32_t level_count, struct lod_arena *arena, struct sheet *sheet) {
-  *sheet = (struct sheet){.mesh = mesh};
+  *sheet = (struct sheet){.mesh = &cleaned->mesh, .cleaned = cleaned};
   struct lod_arena *scratch = lod_arena_create_child(arena);
   if (scratch == NULL)
     return LOD_MEMORY;

@@ -100,7 +100,7 @@ static enum lod_status encode(const struct lod_level_baker *baker, const struct 
 enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
                                struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem) {
   /* A level's certified error is mostly 0.4 to 0.6 of its family's bound: this is right the first time. */
-  double quantisation = position_error > 0 ? position_error : 0.1 * level->bound;
+  double quantisation = position_error > 0 ? position_error : 0.1 * (isfinite(level->bound) ? level->bound : level->expected);
   double least = 1e-6 * baker->diagonal;
   if (!isfinite(quantisation) || quantisation < least)
     quantisation = position_error > 0 ? position_error : least;

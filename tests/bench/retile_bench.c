@@ -11,9 +11,9 @@
 #include "codec/export/picture.h"
 #include "codec/export/png.h"
 #include "core/mesh/distance.h"
-#include "core/mesh/topology.h"
 #include "core/retile/retile.h"
 #include "tests/data/ply.h"
+#include "tests/data/surface.h"
 
 static double now(void) {
   struct timespec t;
@@ -99,7 +99,7 @@ static void bench(const char *name, const struct lod_mesh *mesh, const char *mod
   must(lod_retile_create(mesh, settings, NULL, arena, &retile, NULL));
   double seconds = now() - start;
   size_t peak = lod_arena_peak_bytes(arena);
-  must(lod_topology_measure(mesh, NULL, arena, &source));
+  source = lod_surface_topology(mesh, arena);
   for (uint32_t k = 0; k < retile.level_count; k++) {
     const struct lod_retile_level *level = &retile.levels[k];
     struct lod_arena *scratch = lod_arena_create(0);
@@ -107,15 +107,14 @@ static void bench(const char *name, const struct lod_mesh *mesh, const char *mod
     struct lod_distance_settings exact = lod_distance_defaults();
     struct lod_distance distance;
     exact.rms = true;
-    must(lod_topology_measure(&level->mesh, NULL, scratch, &topology));
+    topology = lod_surface_topology(&level->mesh, scratch);
     must(lod_distance_measure(&level->mesh, mesh, &exact, scratch, &distance));
 
     struct quality q = measure_quality(&level->mesh, scratch);
     struct lod_retile_map_facts map = {.valid = true};
     if (level->flat != NULL)
       must(lod_retile_check_map(level, level + 1, scratch, &map));
-    bool kept =
-        topology.components == source.components && topology.boundary_loops == source.boundary_loops && topology.euler == source.euler;
+    bool kept = lod_surface_same(&topology, &source);
     printf("%-22.22s %-7s %7u %6u %5u | %7.3f %7.4f | %5.3f %5.3f %5.1f %4.0f%% | %s | %5u %5u | %6.2f %6.1f\n", name, mode,
            level->mesh.vertex_count, level->mesh.triangle_count, level->retained, 100 * distance.two_sided.upper / diagonal,
            100 * distance.rms / diagonal, q.mean, q.percent, q.angle, 100 * q.valence6, kept ? "kept" : "LOST", map.inside, map.folded,
@@ -128,6 +127,22 @@ static void bench(const char *name, const struct lod_mesh *mesh, const char *mod
   lod_arena_destroy(arena);
 }
 
+static double errors_asked[LOD_RETILE_MAX_LEVELS]; /* by -e, percent of the diagonal */
+static uint32_t error_count;
+
+/* Levels that meet errors. */
+static void bench_errors(const char *name, const struct lod_mesh *mesh) {
+  double errors[LOD_RETILE_MAX_LEVELS];
+  struct lod_bounds bounds = lod_mesh_bounds(mesh);
+  struct lod_retile_settings settings = lod_retile_defaults();
+  for (uint32_t k = 0; k < error_count; k++)
+    errors[k] = errors_asked[k] / 100 * lod_bounds_diagonal(&bounds);
+  settings.errors = errors;
+  settings.level_count = error_count;
+  settings.threads = 1;
+  bench(name, mesh, "error", &settings);
+}
+
 static void bench_file(const char *path, const uint32_t *counts, uint32_t count) {
   struct lod_arena *arena = lod_arena_create(0);
   struct lod_mesh raw, mesh;
@@ -137,6 +152,11 @@ static void bench_file(const char *path, const uint32_t *counts, uint32_t count)
   } else {
     must(lod_mesh_weld(&raw, arena, &mesh, NULL));
     struct lod_retile_settings settings = lod_retile_defaults();
+    if (error_count != 0) {
+      bench_errors(slash != NULL ? slash + 1 : path, &mesh);
+      lod_arena_destroy(arena);
+      return;
+    }
     settings.vertices = counts;
     settings.level_count = count;
     settings.threads = 1;
@@ -150,16 +170,10 @@ static void bench_file(const char *path, const uint32_t *counts, uint32_t count)
     settings.curvature = LOD_RETILE_CURVATURE_NONE;
     if (!ours_only)
       bench(slash != NULL ? slash + 1 : path, &mesh, "uniform", &settings);
-    settings = lod_retile_defaults();
+    settings = lod_retile_turk();
     settings.vertices = counts;
     settings.level_count = count;
     settings.threads = 1;
-    settings.lead = settings.settle = 0;
-    settings.placement = LOD_RETILE_TURK;
-    settings.curvature = LOD_RETILE_CURVATURE_TURK;
-    settings.steps = 40;
-    settings.damping = 0.15;
-    settings.radius = 2;
     if (!ours_only)
       bench(slash != NULL ? slash + 1 : path, &mesh, "turk", &settings);
   }
@@ -188,6 +202,7 @@ int main(int argc, char **argv) {
   enum { MOST = 1000 };
   static char *found[MOST];
   uint32_t counts[LOD_RETILE_MAX_LEVELS] = {250, 800, 2500}, count = 3;
+
   int first = 1;
   for (; first + 1 < argc && argv[first][0] == '-'; first += 2) {
     if (strcmp(argv[first], "-p") == 0)
@@ -201,6 +216,8 @@ int main(int argc, char **argv) {
       if (strcmp(argv[first], kNumbers[i].name) == 0)
         *kNumbers[i].value = strtod(argv[first + 1], NULL);
     ours_only = ours_only || strcmp(argv[first], "-o") == 0;
+    for (char *word = strcmp(argv[first], "-e") == 0 ? strtok(argv[first + 1], ",") : NULL; word != NULL; word = strtok(NULL, ","))
+      errors_asked[error_count++] = strtod(word, NULL);
     count = strcmp(argv[first], "-n") == 0 ? 0 : count;
     for (char *word = strcmp(argv[first], "-n") == 0 ? strtok(argv[first + 1], ",") : NULL; word != NULL; word = strtok(NULL, ","))
       counts[count++] = (uint32_t)strtoul(word, NULL, 10);

@@ -1,3 +1,24 @@
+/* Re-tiling on meshes that one can draw. Turk 1992, line by line:
+ * P1-1  polygons with holes: polygon_with_holes_has_k_plus_2n_minus_2_plus_2h; edges of three: tiny_and_broken_meshes_come_through;
+ * triangles twice and turned over: wall_with_two_sides_keeps_both, patches_turned_over_are_turned_back P1-2
+ * sphere_levels_are_nested_and_near, torus_keeps_its_hole (the least possible)      P1-3  assert_nested, everywhere; property test P1-4
+ * cube_stays_a_cube                                                  P1-5, P1-6, P1-7, P1-8, P1-9  turks_own_mode_keeps_topology_too P1-10
+ * border_of_an_open_sheet_stays_its_border                           P1-11, P1-12, P1-13  tests/unit/core/mesh/curvature_test.c P1-14,
+ * P1-15  curvature_takes_points_to_where_the_surface_bends          P1-16  pictures, tests/unit/codec/export P1-17
+ * square_with_n_points_becomes_2n_plus_2_triangles, polygon_with_holes...; points_on_an_edge_are_seen_from_both_sides P1-18
+ * every_way_to_fill_keeps_topology: greedy by length in space, largest least angle, least cost, for the holes that vertices leave. The
+ *       mutual tessellation itself is Delaunay in every mode: none of its edges outlives the removal of the old vertices by that
+ * P1-19 tests/unit/core/mesh/triangulate_test.c                            P1-20 points_on_an_edge_are_seen_from_both_sides
+ * P1-21, P1-22  every_way_to_fill_keeps_topology (14 planes, else the vertex stays)     P1-23 neck_of_three_triangles_stays_open
+ * P1-24 retained shares: make bench-retile; turks_own_mode_keeps_topology_too
+ * P1-25 clean-up passes are flips of all edges of each star, with both checks and the mode's measure: settings.flips
+ * P1-26 border_of_an_open_sheet_stays_its_border; corners by angle and by lines that meet
+ * P1-27 sheets_back_to_back_stay_apart (2a), assert_same_topology's duplicate_triangles (2b), sharp_tip_stays_sharp
+ * P1-28 to P1-33  nested levels: assert_nested; fragments: tests/unit/core/retile/overlay_test.c
+ * P1-34 make bench-retile ARGS (figures 1, 4, 11, 12 in kind)
+ * P1-35 anisotropy_lowers_the_error_of_a_bent_sheet                        P1-36 curvature tensor: curvature_test.c
+ * P1-37 error_leads_vertices_to_a_spike, errors_asked_for_are_proven       P1-38 small_pieces_go_on_request
+ * P1-39 a client's matter: clients/web */
 #include "core/retile/retile.h"
 
 #include <math.h>
@@ -10,6 +31,7 @@
 
 #include "core/mesh/distance.h"
 #include "core/mesh/topology.h"
+#include "core/mesh/triangulate.h"
 #include "tests/data/shapes.h"
 
 static struct lod_arena *arena;
@@ -274,22 +296,240 @@ static void result_does_not_depend_on_threads(void **state) {
   }
 }
 
-static void turks_own_placement_keeps_topology_too(void **state) {
+static void turks_own_mode_keeps_topology_too(void **state) {
   (void)state;
   struct lod_mesh mesh = lod_shape_torus(arena, 3, 1, 60, 30);
   const uint32_t counts[] = {200, 800};
   struct lod_retile result;
-  struct lod_retile_settings settings = lod_retile_defaults();
+  struct lod_retile_settings settings = lod_retile_turk();
   settings.vertices = counts;
   settings.level_count = 2;
-  settings.placement = LOD_RETILE_TURK;
-  settings.curvature = LOD_RETILE_CURVATURE_TURK;
-  settings.steps = 40;
-  settings.damping = 0.15;
-  settings.radius = 2;
   assert_int_equal(lod_retile_create(&mesh, &settings, NULL, arena, &result, NULL), LOD_OK);
   assert_nested(&mesh, &result);
   assert_int_equal(result.levels[1].candidates, 800);
+  assert_true(result.levels[1].retained <= 20);
+}
+
+static struct lod_retile retile_with(const struct lod_mesh *mesh, const struct lod_retile_settings *settings) {
+  struct lod_retile result;
+  assert_int_equal(lod_retile_create(mesh, settings, NULL, arena, &result, NULL), LOD_OK);
+  return result;
+}
+
+static void every_way_to_fill_keeps_topology(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_torus(arena, 3, 1, 60, 30), sheet = lod_shape_grid(arena, 2, 30, 0.5);
+  const uint32_t counts[] = {50, 400};
+  for (int measure = LOD_RETILE_MEASURE_COST; measure <= LOD_RETILE_MEASURE_ANGLE; measure++)
+    for (int projection = LOD_RETILE_POLAR; projection <= LOD_RETILE_PLANES; projection++) {
+      struct lod_retile_settings settings = lod_retile_defaults();
+      settings.vertices = counts;
+      settings.level_count = 2;
+      settings.measure = (enum lod_retile_measure)measure;
+      settings.projection = (enum lod_retile_projection)projection;
+      struct lod_retile result = retile_with(&mesh, &settings);
+      assert_nested(&mesh, &result);
+      result = retile_with(&sheet, &settings);
+      assert_nested(&sheet, &result);
+      assert_int_equal(result.levels[1].mesh.vertex_count, 400);
+    }
+}
+
+/* A sheet that is flat but for one thin spike: points that are spread miss it. */
+static void error_leads_vertices_to_a_spike(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_grid(arena, 2, 60, 0);
+  for (uint32_t v = 0; v < mesh.vertex_count; v++) {
+    double x = (double)mesh.positions[v][0] - 0.31, y = (double)mesh.positions[v][1] - 0.22;
+    mesh.positions[v][2] = (float)(0.6 * exp(-(x * x + y * y) / 0.002));
+  }
+  const uint32_t counts[] = {100};
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.vertices = counts;
+  settings.level_count = 1;
+  settings.curvature = LOD_RETILE_CURVATURE_NONE;
+  settings.crease_degrees = 180;
+  double errors[2];
+  for (int led = 0; led < 2; led++) {
+    settings.lead = led ? 0.1 : 0;
+    struct lod_retile result = retile_with(&mesh, &settings);
+    assert_nested(&mesh, &result);
+    assert_int_equal(result.levels[0].mesh.vertex_count, 100);
+    errors[led] = distance_of(&result.levels[0].mesh, &mesh);
+  }
+  assert_true(errors[1] < 0.9 * errors[0]);
+}
+
+static void errors_asked_for_are_proven(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_torus(arena, 3, 1, 120, 60);
+  const double errors[] = {0.02, 0.3, 0.08};
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.errors = errors;
+  settings.level_count = 3;
+  struct lod_retile result = retile_with(&mesh, &settings);
+  assert_nested(&mesh, &result);
+  for (uint32_t k = 0; k < 3; k++) {
+    double asked = k == 0 ? 0.3 : k == 1 ? 0.08 : 0.02;
+    assert_true(result.levels[k].bound == asked);
+    assert_true(distance_of(&result.levels[k].mesh, &mesh) <= asked * 1.00001);
+    assert_true(k == 0 || result.levels[k].mesh.vertex_count > result.levels[k - 1].mesh.vertex_count);
+  }
+  assert_true(result.levels[2].mesh.vertex_count < mesh.vertex_count / 2);
+}
+
+static void wall_with_two_sides_keeps_both(void **state) {
+  (void)state;
+  struct lod_mesh sheet = lod_shape_grid(arena, 2, 20, 0.3), mesh = sheet;
+  uint32_t n = sheet.triangle_count;
+  mesh.uvs[0] = NULL;
+  mesh.wedge_count = 0;
+  mesh.corners = NULL;
+  mesh.wedge_vertex = NULL;
+  mesh.triangle_count = 2 * n;
+  mesh.triangles = lod_arena_alloc(arena, 2 * (size_t)n, sizeof *mesh.triangles);
+  for (uint32_t t = 0; t < n; t++) {
+    memcpy(mesh.triangles[t], sheet.triangles[t], sizeof *mesh.triangles);
+    memcpy(mesh.triangles[n + t], (uint32_t[3]){sheet.triangles[t][0], sheet.triangles[t][2], sheet.triangles[t][1]},
+           sizeof *mesh.triangles);
+  }
+  const uint32_t counts[] = {40, 150};
+  struct lod_retile result = retile(&mesh, counts, 2);
+  for (uint32_t k = 0; k < 2; k++) {
+    const struct lod_mesh *level = &result.levels[k].mesh;
+    assert_int_equal(level->vertex_count, counts[k]);
+    assert_int_equal(topology_of(level).duplicate_triangles, level->triangle_count / 2);
+    double up = 0;
+    for (uint32_t t = 0; t < level->triangle_count; t++) {
+      const float *p = level->positions[level->triangles[t][0]], *q = level->positions[level->triangles[t][1]],
+                  *r = level->positions[level->triangles[t][2]];
+      up += ((double)q[0] - p[0]) * ((double)r[1] - p[1]) - ((double)q[1] - p[1]) * ((double)r[0] - p[0]);
+    }
+    assert_true(fabs(up) < 1e-6); /* as much looks up as down */
+  }
+}
+
+static void patches_turned_over_are_turned_back(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_sphere(arena, 1, 3);
+  uint64_t seed = 3;
+  for (uint32_t t = 0; t < mesh.triangle_count; t++)
+    if (lod_random_unit(&seed) < 0.3) {
+      uint32_t second = mesh.triangles[t][1];
+      mesh.triangles[t][1] = mesh.triangles[t][2];
+      mesh.triangles[t][2] = second;
+    }
+  const uint32_t counts[] = {60};
+  struct lod_retile result = retile(&mesh, counts, 1);
+  struct lod_topology topology = topology_of(&result.levels[0].mesh);
+  assert_int_equal(result.levels[0].mesh.vertex_count, 60);
+  assert_true(topology.closed && topology.manifold && topology.oriented);
+  assert_int_equal(topology.euler, 2);
+}
+
+static void small_pieces_go_on_request(void **state) {
+  (void)state;
+  struct lod_mesh large = lod_shape_sphere(arena, 1, 3), small = lod_shape_sphere(arena, 0.1, 2);
+  struct lod_mesh mesh = lod_shape_join(arena, &large, &small, (const double[3]){1.5, 0, 0});
+  const uint32_t counts[] = {40, 500};
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.vertices = counts;
+  settings.level_count = 2;
+  struct lod_retile result = retile_with(&mesh, &settings);
+  assert_nested(&mesh, &result);
+  settings.prune = 1;
+  result = retile_with(&mesh, &settings);
+  assert_int_equal(topology_of(&result.levels[0].mesh).components, 1);
+  assert_int_equal(topology_of(&result.levels[1].mesh).components, 2);
+  assert_int_equal(result.levels[0].mesh.vertex_count, 40);
+  assert_true(distance_of(&result.levels[0].mesh, &mesh) > 0.4); /* what is missing counts */
+}
+
+/* Turk's third pitfall: triangles that meet at a sharp corner. */
+static void sharp_tip_stays_sharp(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_tube(arena, 0.2, 4, 24, 30);
+  double top = -1e9;
+  for (uint32_t v = 0; v < mesh.vertex_count; v++) {
+    double z = (double)mesh.positions[v][2];
+    top = fmax(top, z);
+    mesh.positions[v][0] *= (float)(0.02 + 0.98 * (2 - z) / 4);
+    mesh.positions[v][1] *= (float)(0.02 + 0.98 * (2 - z) / 4);
+  }
+  const uint32_t counts[] = {30, 150};
+  struct lod_retile result = retile(&mesh, counts, 2);
+  assert_nested(&mesh, &result);
+  assert_true(distance_of(&result.levels[0].mesh, &mesh) < 0.25); /* of 4 */
+  assert_true(distance_of(&result.levels[1].mesh, &mesh) < 0.05);
+}
+
+static double error_with(const struct lod_mesh *mesh, const struct lod_retile_settings *settings) {
+  struct lod_retile result = retile_with(mesh, settings);
+  assert_nested(mesh, &result);
+  return distance_of(&result.levels[0].mesh, mesh);
+}
+
+/* A gutter bends across and not along. */
+static void anisotropy_lowers_the_error_of_a_bent_sheet(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_grid(arena, 4, 60, 0);
+  for (uint32_t v = 0; v < mesh.vertex_count; v++)
+    mesh.positions[v][2] = (float)(0.5 * cos(3 * (double)mesh.positions[v][0]));
+  const uint32_t counts[] = {160};
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.vertices = counts;
+  settings.level_count = 1;
+  settings.lead = 0;
+  settings.settle = 0;
+  settings.curvature = LOD_RETILE_CURVATURE_NONE;
+  double even = error_with(&mesh, &settings);
+  settings.anisotropy = 3;
+  assert_true(error_with(&mesh, &settings) < even);
+}
+
+/* One half of the sheet is flat. */
+static void curvature_takes_points_to_where_the_surface_bends(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_shape_grid(arena, 4, 60, 0);
+  for (uint32_t v = 0; v < mesh.vertex_count; v++)
+    if (mesh.positions[v][0] > 0)
+      mesh.positions[v][2] = (float)(0.1 * (1 - cos(6 * (double)mesh.positions[v][0])));
+  const uint32_t counts[] = {300};
+  struct lod_retile_settings settings = lod_retile_defaults();
+  settings.vertices = counts;
+  settings.level_count = 1;
+  settings.lead = 0;
+  for (int turk = 0; turk < 2; turk++) {
+    settings.curvature = turk ? LOD_RETILE_CURVATURE_TURK : LOD_RETILE_CURVATURE_TENSOR;
+    struct lod_retile result = retile_with(&mesh, &settings);
+    uint32_t bent = 0;
+    for (uint32_t v = 0; v < result.levels[0].mesh.vertex_count; v++)
+      bent += result.levels[0].mesh.positions[v][0] > 0.05f;
+    assert_true(bent > 180);
+  }
+}
+
+/* k corners in all loops, h holes, n points: k + 2n - 2 + 2h triangles. */
+static void polygon_with_holes_has_k_plus_2n_minus_2_plus_2h(void **state) {
+  (void)state;
+  static float positions[16][3] = {{0, 0, 0}, {6, 0, 0}, {6, 4, 0}, {3, 3, 0}, {0, 4, 0}, {1, 1, 0},
+                                   {2, 1, 0}, {2, 2, 0}, {1, 2, 0}, {4, 1, 0}, {5, 1, 0}, {4.5f, 2, 0}};
+  const uint32_t loops[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}, sizes[] = {5, 4, 3};
+  uint32_t triangles[16][3], flags, k = 12, h = 2;
+  assert_int_equal(lod_triangulate_polygon((const float(*)[3])positions, loops, sizes, 3, arena, triangles, &flags), LOD_OK);
+  assert_int_equal(flags, 0);
+  struct lod_mesh mesh = {.vertex_count = k, .triangle_count = k + 2 * h - 2, .positions = positions, .triangles = triangles}, tiled;
+  struct lod_retile_point points[40];
+  uint64_t seed = 5;
+  for (uint32_t n = 0; n <= 40; n += 8) {
+    for (uint32_t i = 0; i < n; i++) {
+      uint32_t a = 1 + (uint32_t)(lod_random_unit(&seed) * 500000), b = 1 + (uint32_t)(lod_random_unit(&seed) * 500000);
+      points[i] = (struct lod_retile_point){i % mesh.triangle_count, {a, b, LOD_RETILE_ONE - a - b}};
+    }
+    assert_int_equal(lod_retile_tessellate(&mesh, points, n, arena, &tiled), LOD_OK);
+    assert_int_equal(tiled.triangle_count, k + 2 * n - 2 + 2 * h);
+    assert_same_topology(&mesh, &tiled);
+  }
 }
 
 static void tiny_and_broken_meshes_come_through(void **state) {
@@ -338,7 +578,17 @@ int main(void) {
       cmocka_unit_test_setup_teardown(neck_of_three_triangles_stays_open, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(no_triangle_crosses_a_material_border, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(result_does_not_depend_on_threads, open_arena, close_arena),
-      cmocka_unit_test_setup_teardown(turks_own_placement_keeps_topology_too, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(turks_own_mode_keeps_topology_too, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(every_way_to_fill_keeps_topology, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(error_leads_vertices_to_a_spike, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(errors_asked_for_are_proven, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(wall_with_two_sides_keeps_both, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(patches_turned_over_are_turned_back, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(small_pieces_go_on_request, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(sharp_tip_stays_sharp, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(anisotropy_lowers_the_error_of_a_bent_sheet, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(curvature_takes_points_to_where_the_surface_bends, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(polygon_with_holes_has_k_plus_2n_minus_2_plus_2h, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(tiny_and_broken_meshes_come_through, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(wrong_settings_are_refused, open_arena, close_arena),
   };
