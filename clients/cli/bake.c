@@ -14,6 +14,7 @@
 #include "clients/cli/cli.h"
 #include "clients/cli/leftovers.h"
 #include "core/level/hierarchy.h"
+#include "server/worker/retile_recipe.h"
 
 static int run(int argc, char **argv);
 
@@ -23,6 +24,10 @@ static const struct cli_option kOptions[] = {
     {"epsilon", 'e', "X|X%",
      "An error to meet in as few bytes as can be, in model units or in percent of the diagonal; may be repeated. Default: a ladder."},
     {"vertices", 0, "N,N,...", "Vertices of each level of families that can be asked for a number: retile. Default: a ladder."},
+    {"retile", 0, "KEY=VALUE",
+     "How retile works; may be repeated: mode=turk (the paper's own), placement=elimination|turk, curvature=tensor|turk|none,\n"
+     "measure=cost|length|angle, projection=polar|planes, and by number adapt, anisotropy, lead, settle, prune, steps, damping, radius,\n"
+     "flips, crease, seed, ratio, least."},
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
@@ -46,7 +51,8 @@ const struct cli_command cli_bake = {
             "written last, so a directory with a manifest is whole.\n\n"
             "  lodestream bake bunny.ply -o bunny\n"
             "  lodestream bake engine.glb -o engine --family cluster --epsilon 0.5% --epsilon 2%\n"
-            "  lodestream bake bunny.ply -o bunny --family retile --vertices 200,800,3200",
+            "  lodestream bake bunny.ply -o bunny --family retile --vertices 200,800,3200\n"
+            "  lodestream bake bunny.ply -o bunny --family retile --vertices 800 --retile mode=turk",
     .options = kOptions,
     .run = run,
 };
@@ -146,6 +152,11 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
     if (!parse_vertices(value, request))
       return cli_usage(&cli_bake, "--vertices %s: expected at most %d whole numbers above 0, such as 200,800,3200", value,
                        LOD_BAKE_MAX_LIST);
+  } else if (strcmp(option->name, "retile") == 0) {
+    struct lod_retile_settings ignored = lod_retile_defaults();
+    if (request->retile_option_count == LOD_BAKE_MAX_LIST || lod_retile_recipe_option(value, &ignored, NULL) != LOD_OK)
+      return cli_usage(&cli_bake, "--retile %s: expected KEY=VALUE as listed under --help", value);
+    request->retile_options[request->retile_option_count++] = value;
   } else if (strcmp(option->name, "format") == 0) {
     request->format = value;
   } else if (strcmp(option->name, "id") == 0) {

@@ -16,6 +16,7 @@
 #include "server/worker/deltas.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
+#include "server/worker/retile_recipe.h"
 
 /* Levels that are the source itself, differing in precision alone (shares of the diagonal): the finest, and one for the wide gap in bytes
  * between it and the first simplified level. */
@@ -159,25 +160,14 @@ static enum lod_status envelope_settings(const struct lod_bake_request *request,
   return LOD_OK;
 }
 
-/* Re-tiling is asked for numbers of vertices; an error asked for ends its ladder. */
 static enum lod_status retile_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
                                        const void **settings) {
-  struct lod_retile_settings *retile = LOD_NEW(arena, 1, struct lod_retile_settings);
-  double *epsilons = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
-  if (retile == NULL || epsilons == NULL)
-    return LOD_MEMORY;
-  *retile = lod_retile_defaults();
-  retile->threads = request->threads;
+  double errors[LOD_BAKE_MAX_LIST];
+  uint32_t count = requested_errors(request, diagonal, errors);
+  const struct lod_retile_settings *retile = NULL;
+  if (request->vertices_count != 0 || request->epsilon_count == 0 || count != 0)
+    LOD_TRY(lod_retile_recipe(request, errors, count, arena, &retile, NULL)); /* options are checked in choose_families */
   *settings = retile;
-  if (request->vertices_count != 0) {
-    retile->vertices = request->vertices;
-    retile->level_count = request->vertices_count < LOD_RETILE_MAX_LEVELS ? request->vertices_count : LOD_RETILE_MAX_LEVELS;
-  } else if (request->epsilon_count != 0) {
-    if (requested_errors(request, diagonal, epsilons) == 0)
-      *settings = NULL;
-    else
-      retile->finest_error = epsilons[0] / diagonal;
-  }
   return LOD_OK;
 }
 
@@ -203,6 +193,9 @@ static enum lod_status choose_families(struct bake *bake) {
     }
     chosen[k] = true;
   }
+  struct lod_retile_settings ignored = lod_retile_defaults();
+  for (uint32_t i = 0; i < request->retile_option_count; i++)
+    LOD_TRY(lod_retile_recipe_option(request->retile_options[i], &ignored, bake->problem));
   for (uint32_t k = 0; k < RECIPE_COUNT; k++)
     if (chosen[k] || (request->family_count == 0 && kRecipes[k].by_default)) {
       bake->recipes[bake->family_count] = &kRecipes[k];
@@ -503,6 +496,9 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
   if (index == 0)
     memcpy(bake->source_levels, family->levels, sizeof bake->source_levels);
   family->level_count = lod_levels_order(family->levels, family->level_count);
+  if (family->family == &lod_retile_family &&
+      lod_retile_recipe_warn(bake->request, family->levels, family->level_count, bake->arena, &bake->model) != LOD_OK)
+    return lod_fail_memory(bake->problem);
   if (bake->request->epsilon_count != 0 && bake->recipes[index]->searches)
     keep_requested(bake, family);
   for (uint32_t i = 0; i < family->level_count; i++) {

@@ -30,6 +30,8 @@ struct lod_bake_request {
   uint32_t
       vertices[LOD_BAKE_MAX_LIST]; /* vertices of each level of families that can be asked for a number (retile); none = their ladder */
   uint32_t vertices_count;
+  const char *retile_options[LOD_BAKE_MAX_LIST]; /* "key=value", retile_recipe.h. Not owned */
+  uint32_t retile_option_count;
   uint32_t threads;          /* as lod_parallel_for */
   uint64_t max_memory_bytes; /* of everything the bake allocates itself; 0 = no limit */
   struct lod_import_limits limits;
