@@ -125,10 +125,11 @@ static void allow(struct leader *l) {
 
 /* Until the error is proven, or nothing more can be done. */
 static enum lod_status meet_error(struct leader *l, double *bound) {
-  enum { MOST_ROUNDS = 16, SETTLED = 3, REOPENED = 11 };
+  enum { MOST_ROUNDS = 16, SETTLED = 3, REOPENED = 11, STALLED = 4 };
   static const double kAim = 0.8; /* the measure of match is no proof: aim a little lower */
   struct tiling *t = l->tiling;
   const struct retile_goal *goal = l->goal;
+  uint32_t least_bad = UINT32_MAX, stalled = 0;
   for (int round = 0; round < MOST_ROUNDS; round++) {
     uint32_t count = count_vertices(t), inserted = 0, bad;
     allow(l);
@@ -146,6 +147,10 @@ static enum lod_status meet_error(struct leader *l, double *bound) {
       *bound = goal->error;
       break;
     }
+    stalled = 10 * (uint64_t)bad > 9 * (uint64_t)least_bad ? stalled + 1 : 0;
+    least_bad = bad < least_bad ? bad : least_bad;
+    if (stalled == STALLED)
+      break;
     allow(l);
     if (round < REOPENED)
       LOD_TRY(reopen(t, l->level, goal->error, l->allowed, l->arena));

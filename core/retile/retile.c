@@ -134,7 +134,7 @@ static enum lod_status choose_goals(const struct lod_mesh *mesh, const struct lo
   double error = s->finest_error * lod_bounds_diagonal(&bounds), finest = 0;
   if (error > 0)
     LOD_TRY(retile_vertices_for(mesh, error, arena, &finest));
-  bool reachable = 2 * finest <= mesh->vertex_count;
+  bool reachable = 2 * finest <= mesh->vertex_count / s->ratio; /* what takes more is not worth chasing */
   finest = fmin(fmax(2 * finest, s->least), mesh->vertex_count);
   double steps = fmax(0, floor(log(finest / fmax(4, s->least)) / log(s->ratio) + 0.5));
   *level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
