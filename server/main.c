@@ -136,7 +136,6 @@ static void stop(struct daemon *daemon) {
   pthread_mutex_unlock(&daemon->http_lock);
   const struct lod_config *config = daemon->service.config ? daemon->service.config : &daemon->config;
   lod_http_destroy(http, http ? (double)config->drain_seconds : 0);
-  lod_http_destroy(http, (double)daemon->config.drain_seconds);
   lod_pool_destroy(daemon->pool);
   lod_jobs_destroy(daemon->jobs);
   lod_service_finish(&daemon->service);
