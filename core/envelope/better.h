@@ -4,7 +4,8 @@
  * that no single collapse can, and never adds a triangle. Small parts are covered from the source as well; where that needs fewer triangles
  * the part is exchanged. Both are certified against the source by the same certificate.
  *
- * Only for units without wedges: attributes of a collapse are sampled for its vertices and measured there. */
+ * Only for units without wedges: attributes of a collapse are sampled for its vertices and measured there. Limits and pinned vertices of
+ * the collapse are not known here: the family does not ask where there are any, nor where levels must nest. */
 #ifndef LOD_CORE_ENVELOPE_BETTER_H
 #define LOD_CORE_ENVELOPE_BETTER_H
 
