@@ -60,6 +60,10 @@ static void run(const char *folder, const char *name, const struct lod_mesh *mes
     uint8_t *bytes;
     size_t size;
     request.grid = quantise(fine);
+    for (int set = 0; set < LOD_UV_SETS; set++)
+      for (uint32_t w = 0; w < fine->wedge_count && fine->uvs[set] != NULL; w++)
+        for (int i = 0; i < 2; i++) /* as a level's GLB has them */
+          fine->uvs[set][w][i] = (float)((int)(fine->uvs[set][w][i] * 4096) / 4096.0);
     request.fine = fine;
     request.from = k == 0 ? LOD_NONE : k - 1;
     request.to = k;
