@@ -87,22 +87,15 @@ static const struct {
   const char *format;
   enum lod_status (*read)(struct lod_reader *reader);
 } kReaders[] = {
-    {"glb", lod_import_gltf}, {"gltf", lod_import_gltf}, {"ply", lod_import_ply},   {"stl", lod_import_stl},
-    {"m", lod_import_hoppe},  {"obj", lod_import_obj},   {"drc", lod_import_draco},
+    {"glb", lod_import_gltf},    {"gltf", lod_import_gltf},   {"ply", lod_import_ply},    {"stl", lod_import_stl},
+    {"m", lod_import_hoppe},     {"obj", lod_import_obj},     {"drc", lod_import_draco},  {"bpt", lod_import_patches},
+    {"bez", lod_import_patches}, {"bbp", lod_import_patches}, {"bv", lod_import_patches}, {"rib", lod_import_rib},
 };
-
-/* Curved patches are no triangles; the patch reader of the clod family is another module's entrance. */
-static bool is_patch_format(const char *format) {
-  return strcmp(format, "bpt") == 0 || strcmp(format, "bez") == 0 || strcmp(format, "bv") == 0 || strcmp(format, "rib") == 0;
-}
 
 static enum lod_status read_with(struct lod_reader *reader) {
   for (size_t i = 0; i < sizeof kReaders / sizeof *kReaders; i++)
     if (strcmp(reader->format, kReaders[i].format) == 0)
       return kReaders[i].read(reader);
-  if (is_patch_format(reader->format))
-    return lod_reader_fail(reader, LOD_UNSUPPORTED, "unsupported-format", "curved patches (%s) are not imported as triangles",
-                           reader->format);
   return lod_import_assimp(reader);
 }
 

@@ -34,6 +34,8 @@ enum lod_status lod_import_hoppe(struct lod_reader *reader);
 enum lod_status lod_import_draco(struct lod_reader *reader);
 enum lod_status lod_import_obj(struct lod_reader *reader);
 enum lod_status lod_import_assimp(struct lod_reader *reader);
+enum lod_status lod_import_patches(struct lod_reader *reader);
+enum lod_status lod_import_rib(struct lod_reader *reader);
 
 /* lod_fail with "NAME: " in front of the sentence. */
 __attribute__((format(printf, 4, 5))) enum lod_status lod_reader_fail(struct lod_reader *reader, enum lod_status status, const char *type,

@@ -49,9 +49,10 @@ static const char *ending(const char *name, char out[12]) {
 
 /* Endings that are passed on: to our readers and to assimp's importers that work from memory. */
 static const char *const kEndings[] = {
-    "glb", "gltf",    "ply", "stl", "m",    "drc",   "obj", "off", "fbx",  "dae",    "3mf", "3ds", "x",   "ac",  "ms3d", "cob", "lwo",
-    "lws", "dxf",     "nff", "smd", "raw",  "ifc",   "xgl", "zgl", "b3d",  "q3o",    "q3s", "amf", "x3d", "ase", "hmp",  "mdl", "md2",
-    "md3", "md5mesh", "iqm", "ndo", "ogex", "blend", "sib", "ter", "mesh", "assbin", "bpt", "bez", "bv",  "rib", "stp",  "wrl", "zae",
+    "glb",   "gltf", "ply", "stl",  "m",      "drc", "obj", "off", "fbx", "dae",     "3mf", "3ds", "x",
+    "ac",    "ms3d", "cob", "lwo",  "lws",    "dxf", "nff", "smd", "raw", "ifc",     "xgl", "zgl", "b3d",
+    "q3o",   "q3s",  "amf", "x3d",  "ase",    "hmp", "mdl", "md2", "md3", "md5mesh", "iqm", "ndo", "ogex",
+    "blend", "sib",  "ter", "mesh", "assbin", "bpt", "bez", "bbp", "bv",  "rib",     "stp", "wrl", "zae",
 };
 
 static const char *known_ending(const char *name) {
@@ -138,6 +139,10 @@ static const char *sniff_text(struct view v, const char *by_name) {
     return "fbx";
   if (starts_with(v, "<"))
     return sniff_xml(v);
+  if (starts_with(v, "##RenderMan"))
+    return "rib";
+  if (starts_with(v, "BBP") || starts_with(v, "BEZ") || starts_with(v, "STBEZ") || starts_with(v, "STBBP"))
+    return "bez";
   if (starts_with(v, "AC3D"))
     return "ac";
   if (starts_with(v, "ISO-10303-21"))

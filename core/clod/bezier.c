@@ -220,6 +220,14 @@ struct lod_bezier lod_bezier_flat(struct lod_vec3 a, struct lod_vec3 b, struct l
   return flat;
 }
 
+struct lod_vec3 lod_bezier_inner_rule(struct lod_vec3 near, struct lod_vec3 normal, struct lod_vec3 far) {
+  static const double kMostSlope = 0.35; /* sine */
+  struct lod_vec3 third = lod_vec3_scale(lod_vec3_subtract(far, near), 1.0 / 3);
+  double height = lod_vec3_dot(third, normal), most = kMostSlope * lod_vec3_length(third);
+  height = height > most ? most : height < -most ? -most : height;
+  return lod_vec3_add(near, lod_vec3_add_scaled(third, normal, -height));
+}
+
 void lod_bezier_set_centre(struct lod_bezier *patch) {
   struct lod_vec3 edges = {0, 0, 0}, corners = {0, 0, 0};
   for (int i = 0; i < 3; i++)

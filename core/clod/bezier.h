@@ -87,6 +87,11 @@ struct lod_bezier_curve lod_bezier_edge(const struct lod_bezier *patch, uint32_t
 /* The flat triangle as a cubic. */
 struct lod_bezier lod_bezier_flat(struct lod_vec3 a, struct lod_vec3 b, struct lod_vec3 c);
 
+/* The inner control point next to corner `near` of an edge to `far`: a third of the way, projected to the tangent plane with this unit
+ * normal (Gopi & Manocha 1998, 5.1; the same as PN triangles'), or not at all where the normal is 0 0 0. An edge that leaves the plane more
+ * steeply than 1 in 3 or so says that the plane is not to be trusted: then it is moved less. */
+struct lod_vec3 lod_bezier_inner_rule(struct lod_vec3 near, struct lod_vec3 normal, struct lod_vec3 far);
+
 /* Sets the centre to the PN triangle's E + (E - V) / 2: right for quadratic patches. */
 void lod_bezier_set_centre(struct lod_bezier *patch);
 

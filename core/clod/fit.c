@@ -3,14 +3,8 @@
 
 #include "core/clod/internal.h"
 
-/* An edge that leaves the tangent plane more steeply than this (sine) says that the plane is not to be trusted. */
-static const double kMostSlope = 0.35;
-
 struct lod_vec3 clod_inner_point(struct clod_end near, struct lod_vec3 far) {
-  struct lod_vec3 third = lod_vec3_scale(lod_vec3_subtract(far, near.p), 1.0 / 3);
-  double height = lod_vec3_dot(third, near.normal), most = kMostSlope * lod_vec3_length(third);
-  height = fmin(fmax(height, -most), most);
-  return lod_vec3_add(near.p, lod_vec3_add_scaled(third, near.normal, -height));
+  return lod_bezier_inner_rule(near.p, near.normal, far);
 }
 
 /* Directions in which an inner point may move: two in the tangent plane, three where there is none. */

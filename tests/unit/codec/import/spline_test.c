@@ -1,0 +1,212 @@
+/* Patch files: curves that one knows, and what is wrong told by line. */
+#include <math.h>
+
+#include "core/mesh/topology.h"
+#include "tests/unit/codec/import/importing.h"
+
+static struct test_import import_text(const char *text, const char *name) {
+  return test_import_bytes(text, strlen(text), name);
+}
+
+static void expect(const char *text, const char *name, const char *type, const char *words) {
+  struct test_import i = import_text(text, name);
+  if (i.status == LOD_OK || strcmp(i.problem.type, type) != 0 || strstr(i.problem.detail, words) == NULL)
+    fail_msg("expected '%s' with '%s', got '%s': %s", type, words, i.problem.type, i.problem.detail);
+  test_import_end(&i);
+}
+
+static void a_bilinear_patch_is_two_triangles(void **state) {
+  (void)state;
+  struct test_import i = import_text("1\n1 1\n0 0 0\n0 1 0\n1 0 0\n1 1 0\n", "square.bpt");
+  test_expect_ok(&i);
+  assert_string_equal(i.model.format, "bpt");
+  assert_int_equal(i.model.units[0].mesh.triangle_count, 2);
+  assert_int_equal(i.model.units[0].mesh.vertex_count, 4);
+  assert_true(i.model.rounding < 1e-12);
+  test_import_end(&i);
+}
+
+/* z = x^2 over the unit square, as degrees 2 by 1: known everywhere. */
+static void a_parabola_is_met_within_the_rounding_told(void **state) {
+  (void)state;
+  struct test_import i = import_text("1\n2 1\n0 0 0\n0 1 0\n0.5 0 0\n0.5 1 0\n1 0 1\n1 1 1\n", "parabola.bpt");
+  test_expect_ok(&i);
+  const struct lod_mesh *mesh = &i.model.units[0].mesh;
+  double worst = 0;
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    assert_true(fabs((double)mesh->positions[v][2] - (double)mesh->positions[v][0] * (double)mesh->positions[v][0]) < 1e-6);
+  for (uint32_t t = 0; t < mesh->triangle_count; t++)
+    for (int k = 0; k < 3; k++) {
+      const float *a = mesh->positions[mesh->triangles[t][k]], *b = mesh->positions[mesh->triangles[t][(k + 1) % 3]];
+      double x = 0.5 * ((double)a[0] + (double)b[0]), z = 0.5 * ((double)a[2] + (double)b[2]);
+      worst = fmax(worst, z - x * x);
+    }
+  assert_true(worst > 0 && worst <= i.model.rounding && i.model.rounding < 1e-3);
+  test_import_end(&i);
+}
+
+static void patches_that_share_an_edge_share_its_vertices(void **state) {
+  (void)state;
+  /* The second patch sees the curved edge from its other end. */
+  struct test_import i = import_text("2\n2 2\n0 0 0\n0 1 0.7\n0 2 0\n1 0 0\n1 1 0.3\n1 2 0\n2 0 0\n2 1 0.9\n2 2 0\n"
+                                     "2 2\n0 2 0\n0 1 0.7\n0 0 0\n-1 2 0\n-1 1 0\n-1 0 0\n-2 2 0\n-2 1 0\n-2 0 0\n",
+                                     "pair.bpt");
+  test_expect_ok(&i);
+  struct lod_topology topology;
+  assert_int_equal(lod_topology_measure(&i.model.units[0].mesh, NULL, i.arena, &topology), LOD_OK);
+  assert_int_equal(topology.boundary_loops, 1);
+  assert_int_equal(topology.components, 1);
+  assert_true(topology.manifold);
+  test_import_end(&i);
+}
+
+static void a_collapsed_side_leaves_no_flat_triangle(void **state) {
+  (void)state;
+  struct test_import i = import_text("1\n1 1\n0 0 0\n0 0 0\n1 0 0\n0 1 0\n", "fan.bpt");
+  test_expect_ok(&i);
+  const struct lod_mesh *mesh = &i.model.units[0].mesh;
+  double area = 0;
+  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+    struct lod_vec3 p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = lod_vec3_from_float(mesh->positions[mesh->triangles[t][k]]);
+    assert_true(lod_vec3_distance(p[0], p[1]) > 0 && lod_vec3_distance(p[1], p[2]) > 0 && lod_vec3_distance(p[2], p[0]) > 0);
+    area += 0.5 * lod_vec3_cross(lod_vec3_subtract(p[1], p[0]), lod_vec3_subtract(p[2], p[0])).z;
+  }
+  assert_true(fabs(area - 0.5) < 1e-3);
+  test_import_end(&i);
+}
+
+static void bezierview_triangles_and_rational_patches_are_read(void **state) {
+  (void)state;
+  /* A quarter of a cylinder of radius 1: rational quadratic by linear, points already multiplied by their weights. */
+  struct test_import i = import_text("8 2 1\n1 0 0 1\n1 0 2 1\n0.70710678118654752 0.70710678118654752 0 0.70710678118654752\n"
+                                     "0.70710678118654752 0.70710678118654752 1.41421356237309505 0.70710678118654752\n0 1 0 1\n0 1 2 1\n",
+                                     "quarter.bv");
+  test_expect_ok(&i);
+  const struct lod_mesh *mesh = &i.model.units[0].mesh;
+  assert_true(mesh->triangle_count > 8);
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    assert_true(fabs(hypot((double)mesh->positions[v][0], (double)mesh->positions[v][1]) - 1) < 1e-6);
+  test_import_end(&i);
+  i = import_text("Group 1 corner\n3 1\n0 0 0\n1 0 0\n0 1 0\n", "corner.bv");
+  test_expect_ok(&i);
+  assert_int_equal(i.model.units[0].mesh.triangle_count, 1);
+  test_import_end(&i);
+}
+
+static void geomview_names_its_degrees(void **state) {
+  (void)state;
+  struct test_import i = import_text("BEZ113\n0 0 0  1 0 0\n0 1 0  1 1 0\n", "square.bez");
+  test_expect_ok(&i);
+  assert_int_equal(i.model.units[0].mesh.triangle_count, 2);
+  test_import_end(&i);
+  expect("BEZ11x\n", "x.bez", "bad-syntax", "line 1");
+}
+
+/* A full circle as a quadratic NURBS of nine points swept along z: knot insertion has to find four quarters. */
+static void a_nurbs_cylinder_is_round(void **state) {
+  (void)state;
+  static const char kText[] =
+      "##RenderMan RIB-Structure 1.0\nWorldBegin\nNuPatch 9 3 [0 0 0 1 1 2 2 3 3 4 4 4] 0 4  2 2 [0 0 1 1] 0 1 \"Pw\" [\n"
+      "1 0 0 1  0.70710678118654752 0.70710678118654752 0 0.70710678118654752  0 1 0 1  -0.70710678118654752 0.70710678118654752 0 "
+      "0.70710678118654752  -1 0 0 1  -0.70710678118654752 -0.70710678118654752 0 0.70710678118654752  0 -1 0 1  0.70710678118654752 "
+      "-0.70710678118654752 0 0.70710678118654752  1 0 0 1\n"
+      "1 0 3 1  0.70710678118654752 0.70710678118654752 2.12132034355964257 0.70710678118654752  0 1 3 1  -0.70710678118654752 "
+      "0.70710678118654752 2.12132034355964257 0.70710678118654752  -1 0 3 1  -0.70710678118654752 -0.70710678118654752 "
+      "2.12132034355964257 0.70710678118654752  0 -1 3 1  0.70710678118654752 -0.70710678118654752 2.12132034355964257 "
+      "0.70710678118654752  1 0 3 1]\nWorldEnd\n";
+  struct test_import i = import_text(kText, "cylinder.rib");
+  test_expect_ok(&i);
+  const struct lod_mesh *mesh = &i.model.units[0].mesh;
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    assert_true(fabs(hypot((double)mesh->positions[v][0], (double)mesh->positions[v][1]) - 1) < 1e-6);
+  struct lod_topology topology;
+  assert_int_equal(lod_topology_measure(mesh, NULL, i.arena, &topology), LOD_OK);
+  assert_int_equal(topology.boundary_loops, 2);
+  assert_int_equal(topology.euler, 0);
+  test_import_end(&i);
+}
+
+/* A cubic with a single knot in the middle, inserted twice, against the B-spline at that knot: (1 4 1)/6-like weights. */
+static void knots_are_inserted_up_to_bezier(void **state) {
+  (void)state;
+  struct test_import i = import_text("NuPatch 5 4 [0 0 0 0 1 2 2 2 2] 0 2  2 2 [0 0 1 1] 0 1 \"P\" [0 0 0 1 2 0 2 0 0 3 2 0 4 0 0\n"
+                                     "0 0 1 1 2 1 2 0 1 3 2 1 4 0 1]\n",
+                                     "cubic.rib");
+  test_expect_ok(&i);
+  const struct lod_mesh *mesh = &i.model.units[0].mesh;
+  bool found = false; /* the curve at knot 1 by de Boor: (2, 1) */
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    found = found || (fabs((double)mesh->positions[v][0] - 2) < 1e-6 && fabs((double)mesh->positions[v][1] - 1) < 1e-6);
+  assert_true(found);
+  test_import_end(&i);
+}
+
+static void rib_transforms_and_bases_apply(void **state) {
+  (void)state;
+  struct test_import i = import_text("WorldBegin TransformBegin Translate 10 0 0 Scale 2 2 2\n"
+                                     "Patch \"bilinear\" \"P\" [0 0 0 1 0 0 0 1 0 1 1 0] TransformEnd\nWorldEnd\n",
+                                     "moved.rib");
+  test_expect_ok(&i);
+  struct lod_bounds bounds = lod_mesh_bounds(&i.model.units[0].mesh);
+  assert_true(bounds.min[0] == 10 && bounds.max[0] == 12 && bounds.max[1] == 2);
+  test_import_end(&i);
+  /* A flat B-spline mesh of 4 by 5 points on a unit grid: two patches over the middle. */
+  char text[1024] = "Basis \"b-spline\" 1 \"b-spline\" 1 PatchMesh \"bicubic\" 5 \"nonperiodic\" 4 \"nonperiodic\" \"P\" [";
+  for (int v = 0; v < 4; v++)
+    for (int u = 0; u < 5; u++)
+      snprintf(text + strlen(text), sizeof text - strlen(text), "%d %d 0 ", u, v);
+  strcat(text, "]\n");
+  i = import_text(text, "spline.rib");
+  test_expect_ok(&i);
+  bounds = lod_mesh_bounds(&i.model.units[0].mesh);
+  assert_true(fabs(bounds.min[0] - 1) < 1e-6 && fabs(bounds.max[0] - 3) < 1e-6 && fabs(bounds.max[1] - 2) < 1e-6);
+  test_import_end(&i);
+}
+
+static void what_is_wrong_is_told_by_line(void **state) {
+  (void)state;
+  expect("2\n1 1\n0 0 0\n0 1 0\n1 0 0\n1 1 0\n", "a.bpt", "truncated", "line 7 after 1");
+  expect("1\n1 1\n0 0 0\n0 x 0\n1 0 0\n1 1 0\n", "a.bpt", "bad-syntax", "line 4");
+  expect("1\n1 1\n0 0 0\n0 nan 0\n1 0 0\n1 1 0\n", "a.bpt", "non-finite", "line 6");
+  expect("1\n10 1\n0 0 0\n", "a.bpt", "patch-degree", "line 2");
+  expect("1\n0 1\n0 0 0\n", "a.bpt", "patch-degree", "line 2");
+  expect("4000000000\n9 9\n0 0 0\n", "a.bpt", "truncated", "line 2");
+  expect("-1\n", "a.bpt", "bad-syntax", "line 1");
+  expect("1e99\n", "a.bpt", "bad-syntax", "line 1");
+  expect("0\n", "a.bpt", "empty", "no patches");
+  expect("8 1 1\n0 0 0 1\n1 0 0 1\n0 1 0 0\n1 1 0 1\n", "a.bv", "patch-weight", "line 5");
+  expect("7 1 1\n", "a.bv", "patch-kind", "line 1");
+  expect("WorldBegin\nPatch \"bicubic\" \"P\" [0 0 0]\n", "a.rib", "bad-syntax", "line 2");
+  expect("TransformEnd\n", "a.rib", "bad-syntax", "line 1");
+  expect("\nTrimCurve [1] [3] [0 0 0 1 1 1] [0] [1] [3] [0 0 0] [0 0 0] [1 1 1]\n", "a.rib", "trimmed-nurbs", "line 2");
+  expect("NuPatch 4 4 [0 1 2 3 4 5 6 7] 3 4 4 4 [0 0 0 0 1 1 1 1] 0 1 \"P\" [0]", "a.rib", "nurbs-open", "line 1");
+}
+
+static void every_prefix_of_a_patch_file_is_refused_or_read(void **state) {
+  (void)state;
+  static const char kText[] = "1\n2 2\n0 0 0\n0 1 0.7\n0 2 0\n1 0 0\n1 1 0.3\n1 2 0\n2 0 0\n2 1 0.9\n2 2 10";
+  for (size_t n = 0; n + 5 < sizeof kText - 1; n++) {
+    struct test_import i = test_import_bytes(kText, n, "a.bpt");
+    assert_true(i.status != LOD_OK);
+    test_import_end(&i);
+  }
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(a_bilinear_patch_is_two_triangles),
+      cmocka_unit_test(a_parabola_is_met_within_the_rounding_told),
+      cmocka_unit_test(patches_that_share_an_edge_share_its_vertices),
+      cmocka_unit_test(a_collapsed_side_leaves_no_flat_triangle),
+      cmocka_unit_test(bezierview_triangles_and_rational_patches_are_read),
+      cmocka_unit_test(geomview_names_its_degrees),
+      cmocka_unit_test(a_nurbs_cylinder_is_round),
+      cmocka_unit_test(knots_are_inserted_up_to_bezier),
+      cmocka_unit_test(rib_transforms_and_bases_apply),
+      cmocka_unit_test(what_is_wrong_is_told_by_line),
+      cmocka_unit_test(every_prefix_of_a_patch_file_is_refused_or_read),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
