@@ -32,6 +32,7 @@ static const struct cli_option kOptions[] = {
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
     {"max-bytes", 0, "N", "Refuse files larger than this, with all that they refer to; 0, here and below: the most that is possible."},
+    {"patches", 0, "N,N,...", "Patches of each level of the family clod. Default: a ladder of errors."},
     {"max-vertices", 0, "N", "Refuse models with more vertices."},
     {"max-triangles", 0, "N", "Refuse models with more triangles."},
     {"max-instances", 0, "N", "Refuse models with more placed parts."},
@@ -90,7 +91,7 @@ static int add_family(struct lod_bake_request *request, const char *name) {
 }
 
 /* "200,800,3200" */
-static bool parse_vertices(const char *text, struct lod_bake_request *request) {
+static bool parse_list(const char *text, uint32_t *numbers, uint32_t *count) {
   char list[1024];
   if (strlen(text) >= sizeof list)
     return false;
@@ -100,9 +101,9 @@ static bool parse_vertices(const char *text, struct lod_bake_request *request) {
     if (next != NULL)
       *next++ = '\0';
     uint64_t number;
-    if (request->vertices_count == LOD_BAKE_MAX_LIST || !cli_parse_count(word, UINT32_MAX - 1, &number) || number == 0)
+    if (*count == LOD_BAKE_MAX_LIST || !cli_parse_count(word, UINT32_MAX - 1, &number) || number == 0)
       return false;
-    request->vertices[request->vertices_count++] = (uint32_t)number;
+    numbers[(*count)++] = (uint32_t)number;
   }
   return true;
 }
@@ -149,7 +150,7 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
       return cli_usage(&cli_bake,
                        "--epsilon %s: expected a number of model units or a percentage of the diagonal, 0 or more, such as 0.25%%", value);
   } else if (strcmp(option->name, "vertices") == 0) {
-    if (!parse_vertices(value, request))
+    if (!parse_list(value, request->vertices, &request->vertices_count))
       return cli_usage(&cli_bake, "--vertices %s: expected at most %d whole numbers above 0, such as 200,800,3200", value,
                        LOD_BAKE_MAX_LIST);
   } else if (strcmp(option->name, "retile") == 0) {
@@ -157,6 +158,10 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
     if (request->retile_option_count == LOD_BAKE_MAX_LIST || lod_retile_recipe_option(value, &ignored, NULL) != LOD_OK)
       return cli_usage(&cli_bake, "--retile %s: expected KEY=VALUE as listed under --help", value);
     request->retile_options[request->retile_option_count++] = value;
+  } else if (strcmp(option->name, "patches") == 0) {
+    if (!parse_list(value, request->patches, &request->patches_count))
+      return cli_usage(&cli_bake, "--patches %s: expected at most %d whole numbers above 0, such as 200,800,3200", value,
+                       LOD_BAKE_MAX_LIST);
   } else if (strcmp(option->name, "format") == 0) {
     request->format = value;
   } else if (strcmp(option->name, "id") == 0) {

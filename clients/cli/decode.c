@@ -6,6 +6,7 @@
 
 #include "clients/cli/cli.h"
 #include "clients/cli/deltas.h"
+#include "clients/cli/patches.h"
 #include "codec/export/ply.h"
 #include "core/mesh/flatten.h"
 
@@ -18,7 +19,7 @@ static const struct cli_option kOptions[] = {
 
 const struct cli_command cli_decode = {
     .name = "decode",
-    .usage = "LEVEL.glb | [LEVEL.glb] DELTA... -o OUT.ply",
+    .usage = "LEVEL.glb | [LEVEL.glb] DELTA... | PATCHES -o OUT.ply",
     .sentence = "Decode a level to PLY: what a client sees, all instances placed.",
     .text = "Deltas are applied to the level one after the other; the first may be a first picture, which needs no level (then the units\n"
             "of a model with instances are not placed, as only a level's GLB says where).\n\n"
@@ -56,13 +57,18 @@ static int run(int argc, char **argv) {
   struct lod_mesh mesh;
   double rounding;
   struct lod_arena *arena = lod_arena_create(0);
-  const int first = cli_is_delta(arguments.operands[0]) ? 0 : 1; /* delta */
+  const bool curved = cli_is_patches(arguments.operands[0]);
+  const int first = curved || cli_is_delta(arguments.operands[0]) ? 0 : 1; /* delta */
   enum lod_status status = arena == NULL ? lod_fail_memory(&problem) : LOD_OK;
+  if (status == LOD_OK && curved && arguments.operand_count > 1)
+    status = lod_fail(&problem, LOD_BAD_INPUT, "patches", "Patches are decoded by themselves: expected one file.");
+  if (status == LOD_OK && curved)
+    status = cli_tessellate(arguments.operands[0], arena, &mesh, &problem);
   if (status == LOD_OK && first == 1)
     status = cli_import(arguments.operands[0], NULL, arena, &model, &file, &problem);
-  for (int i = first; status == LOD_OK && i < arguments.operand_count; i++)
+  for (int i = first; !curved && status == LOD_OK && i < arguments.operand_count; i++)
     status = cli_apply_deltas(arguments.operands[i], i > 0, &model, arena, &problem);
-  if (status == LOD_OK)
+  if (status == LOD_OK && !curved)
     status = lod_model_flatten(&model, arena, &mesh, &rounding, &problem);
   if (status == LOD_OK)
     status = write_ply(&mesh, output, &problem);

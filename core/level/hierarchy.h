@@ -5,6 +5,14 @@
 #include "core/base/parallel.h"
 #include "core/mesh/model.h"
 
+/* A level as curved patches, beside the triangles that a client makes of them. */
+struct lod_level_patches {
+  const uint8_t *bytes; /* codec/stream/patches.h: a frame a unit */
+  size_t size;
+  uint64_t count;   /* patches */
+  double deviation; /* bound of the distance between the patches and the level's meshes before these were rounded to float, model units */
+};
+
 /* One approximation of all units. Owned by the family; valid until the sink returns. */
 struct lod_level {
   struct lod_mesh *meshes; /* unit_count */
@@ -22,6 +30,9 @@ struct lod_level {
   double bound;    /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
   double expected; /* without a bound: about the distance, by a measure that proves nothing; 0 = not known. Leads the choice of precision */
   double cell;     /* width of the clustering cell; 0 = none */
+  const struct lod_level_patches *patches; /* or NULL */
+  double bound;                            /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
+  double cell;                             /* width of the clustering cell; 0 = none */
 };
 
 /* Receives levels finest first. A status other than LOD_OK stops the family and is returned by it. */

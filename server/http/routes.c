@@ -28,6 +28,7 @@ static const struct lod_route kRoutes[] = {
     {LOD_GET, "/v1/models/{id}/refine", NULL, false, NULL, NULL, lod_answer_refine},
     {LOD_POST, "/v1/models/{id}/refine", NULL, false, lod_begin_refine, lod_body_refine, lod_answer_refine_values},
     {LOD_GET, "/v1/models/{id}/contact", NULL, false, NULL, NULL, lod_answer_contact},
+    {LOD_GET, "/v1/models/{id}/patches", NULL, false, NULL, NULL, lod_answer_patches},
     {LOD_GET, "/v1/models/{id}/delta", kDelta, false, NULL, NULL, lod_answer_delta},
     {LOD_GET, "/v1/models/{id}/tileset.json", kNone, false, NULL, NULL, lod_answer_document},
     {LOD_GET, "/v1/models/{id}/model.glb", kNone, false, NULL, NULL, lod_answer_document},

@@ -111,6 +111,7 @@ void lod_begin_upload(struct lod_exchange *exchange);
 void lod_body_upload(struct lod_exchange *exchange, const char *bytes, size_t size);
 void lod_answer_upload(struct lod_exchange *exchange);
 void lod_answer_level(struct lod_exchange *exchange);
+void lod_answer_patches(struct lod_exchange *exchange);
 void lod_answer_delta(struct lod_exchange *exchange);
 void lod_answer_refine(struct lod_exchange *exchange);
 void lod_answer_contact(struct lod_exchange *exchange);

@@ -17,6 +17,7 @@ static const char *const kTypes[] = {
     "application/vnd.lodestream.patches",
 };
 static const char kDeltaType[] = "application/vnd.lodestream.delta";
+static const char kPatchesType[] = "application/vnd.lodestream.patches";
 
 const char *lod_manifest_media_type(const char *type) {
   for (size_t i = 0; i < sizeof kTypes / sizeof kTypes[0]; i++)
@@ -155,6 +156,21 @@ static enum lod_status read_step(const json_t *level, size_t index, const char *
   return LOD_OK;
 }
 
+static enum lod_status read_patches(const json_t *level, size_t index, const char *where, struct lod_stored_level *stored,
+                                    struct lod_problem *problem) {
+  const json_t *json = json_object_get(level, "patches");
+  if (json == NULL)
+    return LOD_OK;
+  const char *object = json_string_value(json_object_get(json, "object")), *type = json_string_value(json_object_get(json, "type"));
+  if (!json_is_object(json) || object == NULL || !is_sha256(object) || type == NULL || strcmp(type, kPatchesType) != 0)
+    return BAD("%s.levels[%zu].patches is not an object with an object's name and the type %s", where, index, kPatchesType);
+  LOD_TRY(get_count(json, where, "patches", &stored->patch_facts.triangles, problem));
+  LOD_TRY(get_count(json, where, "bytes", &stored->patch_facts.bytes, problem));
+  LOD_TRY(get_measure(json, where, "error", &stored->patch_facts.error, problem));
+  memcpy(stored->patches, object, LOD_SHA256_HEX + 1);
+  return LOD_OK;
+}
+
 static enum lod_status read_level(const json_t *json, size_t index, const char *where, bool whole, struct lod_stored_level *level,
                                   struct lod_problem *problem) {
   uint64_t number = 0, count = 0;
@@ -185,6 +201,7 @@ static enum lod_status read_level(const json_t *json, size_t index, const char *
   if (!is_sha256(name) || level->type == NULL)
     return BAD("%s.levels[%zu]: object or type is wrong", where, index);
   memcpy(level->sha256, name, sizeof level->sha256);
+  LOD_TRY(read_patches(json, index, where, level, problem));
   LOD_TRY(read_step(json, index, where, "delta", level->delta, &level->delta_bytes, problem));
   return read_step(json, index, where, "first", level->first, &level->first_bytes, problem);
 }

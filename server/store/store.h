@@ -58,6 +58,9 @@ struct lod_stored_level {
   /* The step to the next level; of level 0 also the level itself in the form of a step. "" and 0 = none. */
   char delta[LOD_SHA256_HEX + 1], first[LOD_SHA256_HEX + 1];
   uint64_t delta_bytes, first_bytes;
+  /* The level as curved patches ("" = none), and what choosing needs to know of these: triangles is the number of patches. */
+  char patches[LOD_SHA256_HEX + 1];
+  struct lod_level_facts patch_facts;
 };
 struct lod_stored_family {
   const char *name;

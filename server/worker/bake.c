@@ -17,6 +17,7 @@
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
 #include "server/worker/retile_recipe.h"
+#include "server/worker/patches.h"
 
 /* Levels that are the source itself, differing in precision alone (shares of the diagonal): the finest, and one for the wide gap in bytes
  * between it and the first simplified level. */
@@ -42,10 +43,14 @@ static enum lod_status envelope_settings(const struct lod_bake_request *request,
 static enum lod_status retile_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
                                        const void **settings);
 
+static enum lod_status clod_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                     const void **settings);
+
 static const struct recipe kRecipes[] = {
     {&lod_cluster_family, true, true, cluster_settings},
     {&lod_envelope_family, false, false, envelope_settings}, /* takes ten times as long as clustering */
     {&lod_retile_family, false, false, retile_settings},
+    {&lod_curved_family, false, false, clod_settings},
 };
 enum { RECIPE_COUNT = sizeof kRecipes / sizeof kRecipes[0] };
 
@@ -168,6 +173,28 @@ static enum lod_status retile_settings(const struct lod_bake_request *request, d
   if (request->vertices_count != 0 || request->epsilon_count == 0 || count != 0)
     LOD_TRY(lod_retile_recipe(request, errors, count, arena, &retile, NULL)); /* options are checked in choose_families */
   *settings = retile;
+  return LOD_OK;
+}
+
+static enum lod_status clod_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
+                                     const void **settings) {
+  struct lod_curved_settings *curved = LOD_NEW_ZERO(arena, 1, struct lod_curved_settings);
+  double *errors = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
+  if (curved == NULL || errors == NULL)
+    return LOD_MEMORY;
+  *settings = curved;
+  curved->errors = errors;
+  if (request->patches_count != 0) {
+    curved->patches = request->patches;
+    curved->patch_count = request->patches_count;
+  } else if (request->epsilon_count != 0) {
+    curved->error_count = requested_errors(request, diagonal, errors);
+    *settings = curved->error_count == 0 ? NULL : curved;
+  } else {
+    const double *ladder = lod_curved_ladder(&curved->error_count);
+    for (uint32_t i = 0; i < curved->error_count; i++)
+      errors[i] = ladder[i] * diagonal;
+  }
   return LOD_OK;
 }
 
@@ -343,6 +370,11 @@ static enum lod_status add_pending(struct family_job *job, const struct lod_leve
     ok = lod_mesh_copy(&level->meshes[u], pending->arena, &pending->level.meshes[u]) == LOD_OK;
   pending->level.images = copy_maps(bake, level->images, true, pending->arena, &ok);
   pending->level.nearby = copy_maps(bake, level->nearby, false, pending->arena, &ok);
+  if (ok && level->patches != NULL) {
+    struct lod_level_patches *patches = lod_arena_copy(pending->arena, level->patches, sizeof *patches);
+    ok = patches != NULL && (patches->bytes = lod_arena_copy(pending->arena, patches->bytes, patches->size)) != NULL;
+    pending->level.patches = patches;
+  }
   pending->level.parents = copy_parents(bake, level, pending->arena, &ok);
   job->waiting += (double)level_triangles(bake, level);
   return ok ? LOD_OK : lod_fail_memory(bake->problem);
@@ -504,6 +536,9 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
   for (uint32_t i = 0; i < family->level_count; i++) {
     struct lod_baked_level *level = &family->levels[i];
     LOD_TRY(lod_output_object(bake->request->directory_fd, level->bytes, level->size, level->object, bake->problem));
+    if (level->patches.size != 0)
+      LOD_TRY(
+          lod_output_object(bake->request->directory_fd, level->patches.bytes, level->patches.size, level->patches.object, bake->problem));
   }
   if (!family->family->nested)
     return LOD_OK;

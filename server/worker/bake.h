@@ -32,6 +32,8 @@ struct lod_bake_request {
   uint32_t vertices_count;
   const char *retile_options[LOD_BAKE_MAX_LIST]; /* "key=value", retile_recipe.h. Not owned */
   uint32_t retile_option_count;
+  uint32_t patches[LOD_BAKE_MAX_LIST]; /* patches of each level of the family clod; none = its ladder of errors */
+  uint32_t patches_count;
   uint32_t threads;          /* as lod_parallel_for */
   uint64_t max_memory_bytes; /* of everything the bake allocates itself; 0 = no limit */
   struct lod_import_limits limits;

@@ -68,6 +68,25 @@ static void count_figures(const struct lod_model *model, const struct lod_mesh *
   }
 }
 
+/* The patches against the source: the level's meshes are their chords. */
+static enum lod_status certify_patches(const struct lod_level_baker *baker, const struct lod_level *level, struct lod_arena *scratch,
+                                       double *unit_errors, struct lod_baked_level *baked) {
+  double *errors = LOD_NEW(scratch, baker->model->unit_count, double), magnitude = 0;
+  struct lod_interval error;
+  if (errors == NULL)
+    return LOD_MEMORY;
+  (void)unit_errors;
+  LOD_TRY(certify(baker, level, level->meshes, 0, scratch, errors, &error));
+  for (uint32_t u = 0; u < baker->model->unit_count; u++)
+    magnitude = fmax(magnitude, lod_mesh_magnitude(&level->meshes[u]) * baker->model->units[u].scale);
+  baked->patches.bytes = level->patches->bytes;
+  baked->patches.size = level->patches->size;
+  baked->patches.count = level->patches->count;
+  /* Rounding to float moves a vertex by at most sqrt(3) 2^-24 of the largest coordinate. */
+  baked->patches.error = error.upper + level->patches->deviation + 0x1p-23 * magnitude;
+  return LOD_OK;
+}
+
 /* One attempt at one precision. */
 static enum lod_status encode(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
                               struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem) {
@@ -91,6 +110,8 @@ static enum lod_status encode(const struct lod_level_baker *baker, const struct 
     status = lod_glb_read(baked->bytes, baked->size, model, scratch, decoded, problem);
   if (status == LOD_OK)
     status = certify(baker, level, decoded, position_error, scratch, unit_errors, &baked->error);
+  if (status == LOD_OK && level->patches != NULL)
+    status = certify_patches(baker, level, scratch, unit_errors, baked);
   if (status == LOD_OK)
     count_figures(model, decoded, unit_errors, scratch, baked);
   lod_arena_destroy(scratch);
@@ -145,9 +166,9 @@ uint32_t lod_levels_order(struct lod_baked_level *levels, uint32_t count) {
   uint32_t kept = 0;
   size_t fewest = SIZE_MAX;
   for (uint32_t i = count; i-- > 0;) { /* finest first: keep what is smaller than everything finer */
-    if (levels[i].size >= fewest)
-      continue;
-    fewest = levels[i].size;
+    if (levels[i].size >= fewest && levels[i].patches.size == 0)
+      continue; /* triangles of curved levels may be many: it is their patches that are few */
+    fewest = levels[i].size < fewest ? levels[i].size : fewest;
     levels[count - ++kept] = levels[i];
   }
   memmove(levels, levels + (count - kept), kept * sizeof *levels);

@@ -29,8 +29,16 @@ struct lod_baked_level {
   struct lod_part_figures *parts; /* part_count */
   double position_error;          /* of its quantisation, model units */
   uint32_t made;                  /* place among the levels that the family made, finest first */
-  struct lod_baked_delta delta;   /* to the next finer level; of the coarsest also: */
-  struct lod_baked_delta first;   /* the level itself in the form of a delta */
+  /* The same level as curved patches; size 0 = none. */
+  struct {
+    const uint8_t *bytes;
+    size_t size;
+    uint64_t count;
+    double error; /* certified, model units: of what the bytes decode to */
+    char object[LOD_HASH_HEX + 1];
+  } patches;
+  struct lod_baked_delta delta; /* to the next finer level; of the coarsest also: */
+  struct lod_baked_delta first; /* the level itself in the form of a delta */
 };
 
 /* What all levels of a model share. */

@@ -48,6 +48,12 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index) {
   json_object_set_new(json, "bytes", json_integer((json_int_t)level->size));
   json_object_set_new(json, "object", json_string(level->object));
   json_object_set_new(json, "type", json_string("model/gltf-binary"));
+  if (level->patches.size != 0) {
+    json_t *patches = json_pack("{sI sI ss ss}", "patches", (json_int_t)level->patches.count, "bytes", (json_int_t)level->patches.size,
+                                "object", level->patches.object, "type", "application/vnd.lodestream.patches");
+    json_object_set_new(patches, "error", upper_bound(level->patches.error));
+    json_object_set_new(json, "patches", patches);
+  }
   if (level->delta.size != 0)
     json_object_set_new(
         json, "delta",
@@ -59,13 +65,36 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index) {
   return json;
 }
 
+/* Where a level's triangles, of any family, need fewer bytes than these patches at no more error, the manifest says so. */
+static void name_polygons(const struct lod_manifest_facts *facts, const struct lod_baked_level *curved, json_t *json) {
+  size_t fewest = curved->patches.size;
+  const struct lod_family *family = NULL;
+  uint32_t index = 0;
+  for (uint32_t f = 0; f < facts->family_count; f++)
+    for (uint32_t i = 0; i < facts->families[f].level_count; i++) {
+      const struct lod_baked_level *level = &facts->families[f].levels[i];
+      if (level->error.upper > curved->patches.error || level->size >= fewest)
+        continue;
+      fewest = level->size;
+      family = facts->families[f].family;
+      index = i;
+    }
+  if (family != NULL)
+    json_object_set_new(json_object_get(json, "patches"), "polygons",
+                        json_pack("{ss sI sI}", "family", family->name, "level", (json_int_t)index, "bytes", (json_int_t)fewest));
+}
+
 static json_t *families_json(const struct lod_manifest_facts *facts) {
   json_t *families = json_object();
   for (uint32_t f = 0; f < facts->family_count; f++) {
     const struct lod_baked_family *family = &facts->families[f];
     json_t *levels = json_array();
-    for (uint32_t i = 0; i < family->level_count; i++)
-      json_array_append_new(levels, level_json(&family->levels[i], i));
+    for (uint32_t i = 0; i < family->level_count; i++) {
+      json_t *level = level_json(&family->levels[i], i);
+      if (family->levels[i].patches.size != 0)
+        name_polygons(facts, &family->levels[i], level);
+      json_array_append_new(levels, level);
+    }
     json_object_set_new(families, family->family->name, json_pack("{sb so}", "nested", family->family->nested, "levels", levels));
   }
   return families;
@@ -150,7 +179,14 @@ static json_t *settings_json(const struct lod_bake_request *request) {
     snprintf(value, sizeof value, request->epsilon_relative[i] ? "%.9g%%" : "%.9g", request->epsilon_relative[i] ? 100 * epsilon : epsilon);
     json_array_append_new(epsilons, json_string(value));
   }
-  return json_pack("{so so ss}", "families", families, "epsilons", epsilons, "version", LOD_VERSION);
+  json_t *settings = json_pack("{so so ss}", "families", families, "epsilons", epsilons, "version", LOD_VERSION);
+  if (request->patches_count > 0) {
+    json_t *patches = json_array();
+    for (uint32_t i = 0; i < request->patches_count; i++)
+      json_array_append_new(patches, json_integer((json_int_t)request->patches[i]));
+    json_object_set_new(settings, "patches", patches);
+  }
+  return settings;
 }
 
 static enum lod_status add_document(json_t *manifest, const char *key, const char *type, const void *bytes, size_t size, int directory_fd,

@@ -1,0 +1,176 @@
+#include "server/worker/patches.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "codec/stream/patches.h"
+#include "core/clod/clod.h"
+#include "core/clod/tessellate.h"
+
+/* Shares of the diagonal, finest first. */
+static const double kLadder[] = {0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.04};
+
+/* Of what a level may be off, patches get this share; the rest is for quantisation (half the cube's diagonal of kStep steps) and the chords
+ * of the tessellation. kStep and kChord are shares of the patches' own error. */
+static const double kPatches = 0.65, kStep = 0.4, kChord = 0.12;
+
+const double *lod_curved_ladder(uint32_t *count) {
+  *count = sizeof kLadder / sizeof kLadder[0];
+  return kLadder;
+}
+
+struct run {
+  const struct lod_unit *units;
+  uint32_t unit_count;
+  struct lod_clod **clods;
+  double least; /* error below which nothing is coded more finely, model units */
+  const struct lod_progress *progress;
+  struct lod_problem *problem;
+};
+
+/* One unit of a level: what a client makes of it, its frame's bytes. */
+struct piece {
+  struct lod_mesh mesh;
+  uint8_t *bytes;
+  size_t size;
+  uint32_t patches;
+  double error, deviation; /* model units: bound of the patches before coding; of their chords */
+};
+
+static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_arena *arena, struct piece *piece) {
+  struct lod_clod_facts facts;
+  struct lod_patches patches;
+  double error;
+  lod_clod_facts(run->clods[u], &facts);
+  if (lod_clod_extract(run->clods[u], facts.clod, arena, &patches, &error) != LOD_OK)
+    return lod_fail_memory(run->problem);
+  double scale = run->units[u].scale, floor = run->least / scale;
+  double own = fmax(error, floor);
+  struct lod_patches_encode_request encode = {
+      .patches = &patches, .unit = u, .unit_count = run->unit_count, .step = kStep * own, .error = error * scale};
+  LOD_TRY(lod_patches_encode(&encode, arena, &piece->bytes, &piece->size, run->problem));
+  struct lod_patches_header header;
+  LOD_TRY(lod_patches_decode(piece->bytes, piece->size, 0, arena, &header, &patches, run->problem));
+  struct lod_tessellate_settings settings = lod_tessellate_defaults();
+  struct lod_tessellation flat;
+  settings.tolerance = kChord * own;
+  settings.threads = 1;
+  LOD_TRY(lod_tessellate(&patches, &settings, arena, &flat, run->problem));
+  piece->mesh = flat.mesh;
+  piece->patches = patches.patch_count;
+  piece->error = (error + 0.867 * (double)header.step) * scale;
+  piece->deviation = flat.deviation * scale;
+  return LOD_OK;
+}
+
+static enum lod_status emit(const struct run *run, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
+  struct lod_mesh *meshes = LOD_NEW(arena, run->unit_count, struct lod_mesh);
+  struct piece *pieces = LOD_NEW_ZERO(arena, run->unit_count, struct piece);
+  if (meshes == NULL || pieces == NULL)
+    return lod_fail_memory(run->problem);
+  struct lod_level_patches patches = {0};
+  double bound = 0;
+  for (uint32_t u = 0; u < run->unit_count; u++) {
+    LOD_TRY(make_piece(run, u, arena, &pieces[u]));
+    meshes[u] = pieces[u].mesh;
+    patches.size += pieces[u].size;
+    patches.count += pieces[u].patches;
+    patches.deviation = fmax(patches.deviation, pieces[u].deviation);
+    bound = fmax(bound, pieces[u].error + pieces[u].deviation);
+  }
+  uint8_t *bytes = LOD_NEW(arena, patches.size, uint8_t);
+  if (bytes == NULL)
+    return lod_fail_memory(run->problem);
+  size_t at = 0;
+  for (uint32_t u = 0; u < run->unit_count; u++) {
+    memcpy(bytes + at, pieces[u].bytes, pieces[u].size);
+    at += pieces[u].size;
+  }
+  patches.bytes = bytes;
+  struct lod_level level = {.meshes = meshes, .patches = &patches, .bound = bound};
+  return sink(sink_context, &level);
+}
+
+static uint64_t patches_of_all(const struct run *run) {
+  uint64_t sum = 0;
+  for (uint32_t u = 0; u < run->unit_count; u++) {
+    struct lod_clod_facts facts;
+    lod_clod_facts(run->clods[u], &facts);
+    sum += facts.patches;
+  }
+  return sum;
+}
+
+/* Every unit down to its share of `patches`, or as far as `error` allows. */
+static enum lod_status simplify(const struct run *run, double share, double error) {
+  for (uint32_t u = 0; u < run->unit_count; u++) {
+    uint32_t wanted = (uint32_t)fmax(0, floor(share * run->units[u].mesh.triangle_count + 0.5));
+    LOD_TRY(lod_clod_simplify(run->clods[u], wanted, error / run->units[u].scale, run->progress));
+  }
+  return LOD_OK;
+}
+
+static int falling(const void *a, const void *b) {
+  uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+  return x < y ? 1 : x > y ? -1 : 0;
+}
+
+static enum lod_status emit_in(const struct run *run, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  enum lod_status status = scratch == NULL ? LOD_MEMORY : emit(run, scratch, sink, sink_context);
+  lod_arena_destroy(scratch);
+  return status;
+}
+
+static enum lod_status run_levels(const struct run *run, const struct lod_curved_settings *settings, struct lod_arena *arena,
+                                  lod_level_sink *sink, void *sink_context) {
+  uint64_t all = patches_of_all(run), before = UINT64_MAX;
+  uint32_t count = settings->patches != NULL ? settings->patch_count : settings->error_count;
+  uint32_t *wanted = LOD_NEW(arena, count, uint32_t);
+  if (wanted == NULL)
+    return LOD_MEMORY;
+  if (settings->patches != NULL) {
+    memcpy(wanted, settings->patches, count * sizeof *wanted);
+    qsort(wanted, count, sizeof *wanted, falling);
+  }
+  for (uint32_t k = 0; k < count; k++) {
+    bool by_number = settings->patches != NULL;
+    LOD_TRY(
+        simplify(run, by_number && all > 0 ? (double)wanted[k] / (double)all : 0, by_number ? INFINITY : kPatches * settings->errors[k]));
+    lod_progress_report(run->progress, "clod", (k + 1.0) / count);
+    uint64_t now = patches_of_all(run);
+    if (now < before) /* no level twice */
+      LOD_TRY(emit_in(run, arena, sink, sink_context));
+    before = now;
+  }
+  return LOD_OK;
+}
+
+static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *settings, const struct lod_progress *progress,
+                             struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem) {
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  struct run run = {.units = units, .unit_count = unit_count, .progress = progress, .problem = problem};
+  run.clods = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, unit_count, struct lod_clod *);
+  enum lod_status status = run.clods == NULL ? LOD_MEMORY : LOD_OK;
+  for (uint32_t u = 0; status == LOD_OK && u < unit_count; u++) {
+    struct lod_bounds bounds = lod_mesh_bounds(&units[u].mesh);
+    run.least = fmax(run.least, 1e-5 * lod_bounds_diagonal(&bounds) * units[u].scale);
+    status = lod_clod_create(&units[u].mesh, NULL, scratch, &run.clods[u], problem);
+  }
+  if (status == LOD_OK)
+    status = run_levels(&run, settings, scratch, sink, sink_context);
+  lod_arena_destroy(scratch);
+  if (status == LOD_MEMORY)
+    lod_fail_memory(problem);
+  if (status == LOD_CANCELLED)
+    lod_fail(problem, LOD_CANCELLED, "cancelled", "The bake was cancelled.");
+  return status;
+}
+
+const struct lod_family lod_curved_family = {
+    .name = "clod",
+    .sentence = "curved patches that show no facets at any zoom, proven within an error of the source",
+    .nested = false,
+    .build = build,
+};
