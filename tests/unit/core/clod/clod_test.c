@@ -1,4 +1,17 @@
-/* C-LODs of meshes that one can draw. */
+/* C-LODs of meshes that one can draw.
+ *
+ * The checklist of the paper (shared algorithms.md, 1.3), where each line is shown:
+ * P3-1 polygons here; tensor and triangular patches, rational too: codec/import/spline_test. They come in as their tessellation, not as
+ * splines. P3-2 every_triangle_becomes_a_patch; curvature and size per patch are not stored: order is by certified error. P3-3, P3-5
+ * bezier_test (splits, merges). P3-4 coplanarity at corners is kept by fit.c; affine pairs are not enforced; the gap is measured. P3-6,
+ * P3-7 every_triangle_becomes_a_patch, a_cube_keeps_its_twelve_edges. P3-8, P3-9 bezier_test (refined centre). P3-10 not built: a tensor
+ * patch becomes triangles within a bound instead of two cubics; both diagonals of 1.6 with it. P3-11 to P3-18, P3-20, P3-22 the paper's
+ * search for patterns, its tags, logs, swaps and accumulated estimate are not built as modes. What they do is done by removing a vertex and
+ * all patches around it at once (clod.h); star and T merges themselves: bezier_test. P3-12 (T-in-T guard, closed loops)
+ * a_tetrahedron_does_not_close_up, a_pillow_of_two_patches_is_left_alone. P3-19 all_levels_live_in_one_structure. P3-21 (i) here; (ii),
+ * (iii) tessellate_test. P3-23 static tessellation: tessellate_test. Dynamic tessellation, back-patch and frustum culling are not built.
+ * P3-24, P3-25 tests/bench/clod_bench prints bytes and rows. P3-26 swaps are part of a removal, which is certified as a whole.
+ * P3-27 bounded error: the_bound_holds_at_every_stage. Strict G1, change of topology, parallel merging within a unit: not built. */
 #include "core/clod/clod.h"
 
 #include <math.h>

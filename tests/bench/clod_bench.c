@@ -1,0 +1,225 @@
+/* Curved levels: per model patches against certified error, bytes and CPU time, beside the envelope family's GLB at the same certified
+ * error.
+ *
+ * Errors are those of what the bytes decode to: measured after decoding and tessellation, the bound of the chords and the import's rounding
+ * added; "bound" is what the simplification itself proves before coding. Arguments: [-e 0] leaves the envelope family out; files. Default:
+ * the paper's bunny rows (69 451, 19 774, 8 785, 3 815, 1 000), splines of the shared models and a smooth sphere. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "codec/import/import.h"
+#include "codec/stream/patches.h"
+#include "core/clod/clod.h"
+#include "core/clod/tessellate.h"
+#include "core/envelope/envelope.h"
+#include "server/worker/levels.h"
+#include "tests/data/shapes.h"
+
+static bool with_envelope = true;
+/* Share of the diagonal below which the envelope family would need minutes. */
+static const double kEnvelopeLeast = 3e-4;
+
+static double now(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void must(enum lod_status status) {
+  if (status != LOD_OK) {
+    fprintf(stderr, "clod_bench: %s\n", lod_status_name(status));
+    exit(1);
+  }
+}
+
+struct subject {
+  const char *name;
+  struct lod_arena *arena;
+  struct lod_model model;
+  struct lod_bvh *bvh;
+  double diagonal;
+};
+
+static struct lod_tessellation tessellate(const struct lod_patches *patches, double tolerance, bool normals, struct lod_arena *arena) {
+  struct lod_tessellate_settings settings = lod_tessellate_defaults();
+  struct lod_tessellation flat;
+  settings.tolerance = tolerance;
+  settings.normals = normals;
+  settings.threads = 1;
+  must(lod_tessellate(patches, &settings, arena, &flat, NULL));
+  return flat;
+}
+
+struct envelope {
+  const struct subject *subject;
+  struct lod_baked_level level;
+  struct lod_arena *arena;
+};
+
+static enum lod_status take_level(void *context, const struct lod_level *level) {
+  struct envelope *envelope = context;
+  struct lod_bvh *bvhs[1] = {envelope->subject->bvh};
+  struct lod_level_baker baker = {
+      .model = &envelope->subject->model, .source_bvhs = bvhs, .diagonal = envelope->subject->diagonal, .threads = 1};
+  return lod_level_bake(&baker, level, 0, envelope->arena, &envelope->level, NULL);
+}
+
+/* The envelope family within `error`, quantisation included. */
+static void bench_envelope(const struct subject *subject, double error, struct lod_arena *arena) {
+  struct lod_envelope_settings settings = lod_envelope_defaults();
+  struct envelope envelope = {.subject = subject, .arena = arena};
+  double epsilon = error - subject->model.rounding, began = now();
+  if (!(epsilon > 0) || subject->model.unit_count != 1) {
+    printf("  -\n");
+    return;
+  }
+  settings.epsilons = &epsilon;
+  settings.epsilon_count = 1;
+  settings.least_gain = 0;
+  settings.threads = 1;
+  must(lod_envelope_family.build(subject->model.units, 1, &settings, NULL, arena, take_level, &envelope, NULL));
+  printf("  | %7llu %8zu %8.4f %7.2f\n", (unsigned long long)envelope.level.triangles, envelope.level.size,
+         100 * envelope.level.error.upper / subject->diagonal, now() - began);
+}
+
+static void bench_row(const struct subject *subject, struct lod_clod *clod, uint32_t wanted, double *seconds) {
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_clod_facts before, facts;
+  lod_clod_facts(clod, &before);
+  double began = now();
+  must(lod_clod_simplify(clod, wanted, INFINITY, NULL));
+  double taken = now() - began;
+  *seconds += taken;
+  lod_clod_facts(clod, &facts);
+  struct lod_patches patches, decoded;
+  must(lod_clod_extract(clod, facts.clod, arena, &patches, NULL));
+  double own = fmax(facts.error, 1e-5 * subject->diagonal);
+  struct lod_patches_encode_request encode = {.patches = &patches, .unit_count = 1, .step = 0.4 * own, .error = facts.error};
+  struct lod_patches_header header;
+  uint8_t *bytes;
+  size_t size;
+  must(lod_patches_encode(&encode, arena, &bytes, &size, NULL));
+  must(lod_patches_decode(bytes, size, 0, arena, &header, &decoded, NULL));
+  struct lod_tessellation flat = tessellate(&decoded, 0.1 * own, false, arena);
+  struct lod_distance distance;
+  struct lod_distance_settings settings = lod_distance_defaults();
+  settings.absolute = 1e-6 * subject->diagonal;
+  settings.larger_side_only = true;
+  settings.bvh_a = subject->bvh;
+  must(lod_distance_measure(&subject->model.units[0].mesh, &flat.mesh, &settings, arena, &distance));
+  double error = distance.two_sided.upper + flat.deviation + subject->model.rounding;
+  printf("%-20s %7u %8.4f %8.4f %8zu %5.1f %7.2f %9.0f %6.1f", subject->name, facts.patches, 100 * facts.error / subject->diagonal,
+         100 * error / subject->diagonal, size, (double)size / fmax(1, facts.patches), taken,
+         (before.patches - facts.patches) / fmax(taken, 1e-9), lod_patches_normal_gap(&decoded, 8));
+  fflush(stdout);
+  if (with_envelope && error > kEnvelopeLeast * subject->diagonal)
+    bench_envelope(subject, error, arena);
+  else
+    printf("\n");
+  lod_arena_destroy(arena);
+}
+
+static void bench_tessellation(const struct subject *subject, const struct lod_clod *clod) {
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_clod_facts facts;
+  struct lod_patches patches;
+  lod_clod_facts(clod, &facts);
+  must(lod_clod_extract(clod, facts.clod, arena, &patches, NULL));
+  for (int normals = 0; normals < 2; normals++) {
+    struct lod_arena *scratch = lod_arena_create_child(arena);
+    double began = now();
+    struct lod_tessellation flat = tessellate(&patches, 2e-5 * subject->diagonal, normals != 0, scratch);
+    double taken = now() - began;
+    printf("%-20s tessellation%s: %u vertices, %u triangles, %.1f M vertices/s\n", subject->name, normals ? " with normals" : "",
+           flat.mesh.vertex_count, flat.mesh.triangle_count, 1e-6 * flat.mesh.vertex_count / fmax(taken, 1e-9));
+    lod_arena_destroy(scratch);
+  }
+  lod_arena_destroy(arena);
+}
+
+static void bench(struct subject *subject, const uint32_t *rows, uint32_t row_count) {
+  struct lod_bounds bounds = lod_model_bounds(&subject->model);
+  subject->diagonal = lod_bounds_diagonal(&bounds);
+  must(lod_bvh_create(&subject->model.units[0].mesh, 1, subject->arena, &subject->bvh));
+  struct lod_clod *clod;
+  struct lod_clod_facts facts;
+  double began = now(), seconds = 0;
+  must(lod_clod_create(&subject->model.units[0].mesh, NULL, subject->arena, &clod, NULL));
+  lod_clod_facts(clod, &facts);
+  printf("%-20s C-Model of %u patches in %.2f s (%.2f M triangles/s), bound %.4f %%, import within %.4f %%\n", subject->name, facts.patches,
+         now() - began, 1e-6 * facts.patches / (now() - began), 100 * facts.error / subject->diagonal,
+         100 * subject->model.rounding / subject->diagonal);
+  for (uint32_t i = 0; i < row_count; i++)
+    bench_row(subject, clod, rows[i], &seconds);
+  lod_clod_facts(clod, &facts);
+  printf("%-20s %.2f s in all; %llu removals tried for %u made; all %u C-LODs in %.2f MB (input %.2f MB)\n", subject->name, seconds,
+         (unsigned long long)facts.tried, facts.clod, facts.clod + 1, 1e-6 * (double)facts.history_bytes,
+         1e-6 * (12.0 * subject->model.units[0].mesh.vertex_count + 12.0 * subject->model.units[0].mesh.triangle_count));
+  bench_tessellation(subject, clod);
+}
+
+static bool load(struct subject *subject, const char *path) {
+  FILE *file = fopen(path, "rb");
+  if (file == NULL)
+    return false;
+  fseek(file, 0, SEEK_END);
+  size_t size = (size_t)ftell(file);
+  rewind(file);
+  uint8_t *bytes = malloc(size + 1);
+  bool read = bytes != NULL && fread(bytes, 1, size, file) == size;
+  fclose(file);
+  struct lod_problem problem = {0};
+  struct lod_import_request request = {.name = path, .bytes = bytes, .size = size, .threads = 1};
+  subject->name = strrchr(path, '/') == NULL ? path : strrchr(path, '/') + 1;
+  subject->arena = lod_arena_create(0);
+  if (!read || lod_import_model(&request, subject->arena, &subject->model, &problem) != LOD_OK)
+    fprintf(stderr, "%s\n", problem.detail);
+  free(bytes);
+  return read && problem.status == LOD_OK;
+}
+
+static void bench_sphere(void) {
+  static const uint32_t kRows[] = {2000, 500, 120, 40};
+  struct subject subject = {.name = "sphere (generated)", .arena = lod_arena_create(0)};
+  struct lod_part part = {.name = "", .instance_count = 1};
+  double identity[1][16] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+  struct lod_unit unit = {.mesh = lod_shape_sphere(subject.arena, 1, 6), .scale = 1};
+  part.instances = identity;
+  subject.model = (struct lod_model){.format = "", .name = "", .unit_count = 1, .part_count = 1, .units = &unit, .parts = &part};
+  bench(&subject, kRows, 4);
+  lod_arena_destroy(subject.arena);
+}
+
+int main(int argc, char **argv) {
+  static const uint32_t kBunny[] = {19774, 8785, 3815, 1000}, kSpline[] = {2000, 800, 300, 120};
+  const char *shared = getenv("LODESTREAM_SHARED");
+  int first = 1;
+  if (argc > 2 && strcmp(argv[1], "-e") == 0) {
+    with_envelope = strcmp(argv[2], "0") != 0;
+    first = 3;
+  }
+  printf("%-20s %7s %8s %8s %8s %5s %7s %9s %6s  | %7s %8s %8s %7s\n", "model", "patches", "bound %", "error %", "bytes", "/p", "s",
+         "patches/s", "gap", "tris", "bytes", "error %", "s");
+  for (int i = first; i < argc; i++) {
+    struct subject subject = {0};
+    if (load(&subject, argv[i]))
+      bench(&subject, kSpline, 4);
+    lod_arena_destroy(subject.arena);
+  }
+  if (first < argc)
+    return 0;
+  bench_sphere();
+  static const char *const kModels[] = {"scans/bunny.ply", "spline/teapot-32.bpt", "spline/vase.bpt", "spline/spot-acc-732.bpt"};
+  for (size_t i = 0; i < sizeof kModels / sizeof *kModels; i++) {
+    char path[4096];
+    snprintf(path, sizeof path, "%s/models/%s", shared == NULL ? "../shared" : shared, kModels[i]);
+    struct subject subject = {0};
+    if (load(&subject, path))
+      bench(&subject, i == 0 ? kBunny : kSpline, 4);
+    lod_arena_destroy(subject.arena);
+  }
+  return 0;
+}
