@@ -31,8 +31,6 @@ struct lod_level {
   double expected; /* without a bound: about the distance, by a measure that proves nothing; 0 = not known. Leads the choice of precision */
   double cell;     /* width of the clustering cell; 0 = none */
   const struct lod_level_patches *patches; /* or NULL */
-  double bound;                            /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
-  double cell;                             /* width of the clustering cell; 0 = none */
 };
 
 /* Receives levels finest first. A status other than LOD_OK stops the family and is returned by it. */

@@ -16,8 +16,8 @@
 #include "server/worker/deltas.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
-#include "server/worker/retile_recipe.h"
 #include "server/worker/patches.h"
+#include "server/worker/retile_recipe.h"
 
 /* Levels that are the source itself, differing in precision alone (shares of the diagonal): the finest, and one for the wide gap in bytes
  * between it and the first simplified level. */
