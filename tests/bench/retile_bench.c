@@ -1,5 +1,6 @@
 /* Re-tiling: per model and number of vertices the certified error, triangle quality and time, ours beside Turk's literal placement.
- * Arguments: [-n N[,N...]] [-p FOLDER] [-s STEPS] [-d DAMPING] [-r RADIUS] [-o 1] PLY files; default: models/scans, cad, iso of the shared
+ * Arguments: [-n N[,N...]] [-e PERCENT[,...]] [-p FOLDER] [-s STEPS] [-d DAMPING] [-r RADIUS] [-l LEAD] [-t SETTLE] [-a ADAPT] [-o 1] PLY
+ * files; default: models/scans, cad, iso of the shared
  * data and 250, 800, 2500 vertices. -p writes pictures of every level; -o leaves the comparisons out. */
 #include <dirent.h>
 #include <math.h>
