@@ -55,15 +55,16 @@ check_format() {
 # Link rules, on what has been built. core: no I/O, no clock, no randomness, no mutable globals. lodestreamd: no geometry, no codec.
 check_objects() {
   local io='f?open(64|at|at64|dir)?|fdopen|freopen(64)?|tmpfile(64)?|fread|fwrite|f?putc|f?puts|f?getc|f?gets|getchar|putchar|v?f?printf|v?f?scanf|_?_?v?f?printf_chk|perror|std(in|out|err)|read|write|pread(64)?|pwrite(64)?|close|lseek(64)?|mmap(64)?|unlink|rename|stat(64)?|socket|connect|send|recv|getenv|secure_getenv|setenv|system|fork|exec[vl]p?e?|time|clock|clock_gettime|gettimeofday|s?rand(om)?|rand_r|drand48|arc4random|getrandom|exit|_exit'
-  for object in $(find build/release/core -name '*.o' 2>/dev/null | sort); do
-    source=${object#build/release/}
-    source=${source%.o}.c
-    [ -e "$source" ] || continue
-    nm -u "$object" | sed -nE "s/^ *U ($io)(@.*)?$/\1/p" | while read -r symbol; do
-      echo "$source: calls $symbol. core does no I/O, asks no clock and draws no chance: take it as a parameter or move it up."
-    done
-    nm -f sysv "$object" | awk -F'|' -v source="$source" '{ gsub(/ /, "") } $7 ~ /^\.(data|bss|tdata|tbss)(\.[^r].*)?$/ && $4 ~ /OBJECT|TLS/ { printf "%s: has the global variable %s. core keeps its state in arguments: make it const or pass it in.\n", source, $1 }'
-  done
+  # One nm for all of them: a process for each file would take minutes.
+  local objects
+  objects=$(for source in $(echo "$sources" | grep -E '^core/.*\.c$'); do
+    [ ! -e "build/release/${source%.c}.o" ] || echo "build/release/${source%.c}.o"
+  done)
+  [ -n "$objects" ] || return 0
+  nm -A -u $objects | sed -nE "s/^build\/release\/(.*)\.o: *U ($io)(@.*)?$/\1.c: calls \2. core does no I\/O, asks no clock and draws no chance: take it as a parameter or move it up./p"
+  nm -A -f sysv $objects | awk -F'|' '{ gsub(/ /, "") } $7 ~ /^\.(data|bss|tdata|tbss)(\.[^r].*)?$/ && $4 ~ /OBJECT|TLS/ {
+    split($1, at, ".o:"); sub(/^build\/release\//, "", at[1])
+    printf "%s.c: has the global variable %s. core keeps its state in arguments: make it const or pass it in.\n", at[1], at[2] }'
 }
 
 check_daemon() {
