@@ -31,6 +31,7 @@ clean_tree() {
   done
   cp "$here/../../.clang-format" .
   file core/level/screen.h "int screen;"
+  file server/http/loop.h "int loop;"
   file codec/export/draco.h "int shim;"
   file codec/import/ply.h "int ply;"
 }
