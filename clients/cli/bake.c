@@ -28,6 +28,7 @@ static const struct cli_option kOptions[] = {
      "How retile works; may be repeated: mode=turk (the paper's own), placement=elimination|turk, curvature=tensor|turk|none,\n"
      "measure=cost|length|angle, projection=polar|planes, and by number adapt, anisotropy, lead, settle, prune, steps, damping, radius,\n"
      "flips, crease, seed, ratio, least."},
+    {"edges", 0, "FILE", "Edges that the family envelope keeps: a line each, x y z of both ends. codec/FORMAT.md, section 8."},
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
@@ -162,6 +163,8 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
     if (!parse_list(value, request->patches, &request->patches_count))
       return cli_usage(&cli_bake, "--patches %s: expected at most %d whole numbers above 0, such as 200,800,3200", value,
                        LOD_BAKE_MAX_LIST);
+  } else if (strcmp(option->name, "edges") == 0) {
+    request->edges_name = value;
   } else if (strcmp(option->name, "format") == 0) {
     request->format = value;
   } else if (strcmp(option->name, "id") == 0) {
@@ -197,13 +200,23 @@ static void print_summary(int directory_fd, const char *directory, bool json) {
 
 static int bake_file(struct lod_bake_request *request, const char *path, const char *output, bool json) {
   struct lod_problem problem = {0};
-  struct cli_file file;
+  struct cli_file file, edges = {0};
   if (cli_file_open(path, &file, &problem) != LOD_OK)
     return cli_problem(&problem, json);
+  if (request->edges_name != NULL && cli_file_open(request->edges_name, &edges, &problem) != LOD_OK) {
+    cli_file_close(&file);
+    return cli_problem(&problem, json);
+  }
+  if (request->edges_name != NULL) {
+    request->edges = edges.size == 0 ? "" : (const char *)edges.bytes;
+    request->edges_size = edges.size;
+  }
   bool made = mkdir(output, 0755) == 0;
   if (!made && errno != EEXIST) {
     lod_fail(&problem, LOD_IO, "cannot-open", "Cannot make the output directory %s: %s.", output, strerror(errno));
     cli_file_close(&file);
+    if (request->edges_name != NULL)
+      cli_file_close(&edges);
     return cli_problem(&problem, json);
   }
   const char *slash = strrchr(path, '/');
@@ -246,6 +259,8 @@ static int bake_file(struct lod_bake_request *request, const char *path, const c
   if (exit_status != CLI_DONE && made)
     rmdir(output); /* unless something is in it */
   cli_file_close(&file);
+  if (request->edges_name != NULL)
+    cli_file_close(&edges);
   return exit_status;
 }
 

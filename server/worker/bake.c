@@ -14,6 +14,7 @@
 #include "core/mesh/topology.h"
 #include "core/retile/retile.h"
 #include "server/worker/deltas.h"
+#include "server/worker/edges.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
 #include "server/worker/patches.h"
@@ -139,6 +140,7 @@ struct bake {
   const struct recipe *recipes[RECIPE_COUNT];
   struct lod_baked_family families[RECIPE_COUNT];
   uint32_t family_count;
+  struct lod_envelope_wishes *wishes; /* one a unit; NULL when the request has none */
   struct lod_baked_level source_levels[SOURCE_LEVELS];
   struct lod_arena *level_arenas[RECIPE_COUNT * MAX_LEVELS]; /* hold the levels' bytes */
   uint32_t level_arena_count;
@@ -147,14 +149,18 @@ struct bake {
 static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
                                          const void **settings) {
   struct lod_envelope_settings *envelope = LOD_NEW(arena, 1, struct lod_envelope_settings);
-  double *epsilons = LOD_NEW(arena, LOD_BAKE_MAX_LIST, double);
+  double *epsilons = LOD_NEW(arena, LOD_BAKE_MAX_LIST + 1, double);
   if (envelope == NULL || epsilons == NULL)
     return LOD_MEMORY;
   *envelope = lod_envelope_defaults();
   envelope->threads = request->threads;
   envelope->epsilons = epsilons;
   if (request->epsilon_count != 0) {
-    envelope->epsilon_count = requested_errors(request, diagonal, epsilons);
+    bool coplanar = false; /* 0 asks for the source without what is coplanar in it; other errors this small are for its own levels */
+    for (uint32_t i = 0; i < request->epsilon_count; i++)
+      coplanar = coplanar || !(request->epsilons[i] > 0);
+    epsilons[0] = 0;
+    envelope->epsilon_count = coplanar + requested_errors(request, diagonal, epsilons + coplanar);
     envelope->least_gain = 0; /* what was asked for comes */
   } else {
     const double *ladder = lod_envelope_ladder(&envelope->epsilon_count);
@@ -475,6 +481,13 @@ static enum lod_status gather_levels(struct bake *bake, uint32_t index, struct f
   }
   if (settings == NULL)
     return LOD_OK;
+  if (family->family == &lod_envelope_family && bake->wishes != NULL) {
+    struct lod_envelope_settings *envelope = lod_arena_copy(bake->arena, settings, sizeof *envelope);
+    if (envelope == NULL)
+      return lod_fail_memory(bake->problem);
+    envelope->wishes = bake->wishes;
+    settings = envelope;
+  }
   return family->family->build(bake->model.units, bake->model.unit_count, settings, &job->build.step, bake->arena, receive_level, job,
                                bake->problem);
 }
@@ -552,10 +565,37 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
   return lod_deltas_bake(&deltas, bake->arena, bake->problem);
 }
 
+/* What `envelope` cannot promise of this source. */
+static enum lod_status warn_of_topology(struct bake *bake) {
+  bool envelope = false;
+  for (uint32_t i = 0; i < bake->family_count; i++)
+    envelope = envelope || bake->families[i].family == &lod_envelope_family;
+  if (!envelope || bake->source.non_manifold_edges == 0)
+    return LOD_OK;
+  enum { LENGTH = 200 };
+  const char **warnings = LOD_NEW(bake->arena, (size_t)bake->model.warning_count + 1, const char *);
+  char *sentence = LOD_NEW(bake->arena, LENGTH, char);
+  if (warnings == NULL || sentence == NULL)
+    return lod_fail_memory(bake->problem);
+  snprintf(sentence, LENGTH,
+           "envelope: %llu edges have more than two triangles; levels are within their errors and keep these edges as "
+           "lines, but that faces keep clear of one another is not promised there.",
+           (unsigned long long)bake->source.non_manifold_edges);
+  if (bake->model.warning_count != 0)
+    memcpy(warnings, bake->model.warnings, bake->model.warning_count * sizeof *warnings);
+  warnings[bake->model.warning_count++] = sentence;
+  bake->model.warnings = warnings;
+  return LOD_OK;
+}
+
 static enum lod_status run(struct bake *bake, double started) {
   LOD_TRY(choose_families(bake));
   LOD_TRY(import(bake));
   LOD_TRY(prepare_baker(bake));
+  LOD_TRY(warn_of_topology(bake));
+  if (bake->request->edges != NULL)
+    LOD_TRY(lod_edges_read(bake->request->edges_name, bake->request->edges, bake->request->edges_size, &bake->model, bake->arena,
+                           &bake->wishes, bake->problem));
   LOD_TRY(write_images(bake));
   for (uint32_t i = 0; i < bake->family_count; i++)
     LOD_TRY(build_family(bake, i));

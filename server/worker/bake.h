@@ -34,6 +34,9 @@ struct lod_bake_request {
   uint32_t retile_option_count;
   uint32_t patches[LOD_BAKE_MAX_LIST]; /* patches of each level of the family clod; none = its ladder of errors */
   uint32_t patches_count;
+  const char *edges; /* text of edges that `envelope` keeps (edges.h), edges_size bytes, from file edges_name; or NULL */
+  size_t edges_size;
+  const char *edges_name;
   uint32_t threads;          /* as lod_parallel_for */
   uint64_t max_memory_bytes; /* of everything the bake allocates itself; 0 = no limit */
   struct lod_import_limits limits;

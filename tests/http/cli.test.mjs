@@ -48,6 +48,47 @@ before(async () => {
 });
 after(() => fs.rmSync(folder, { recursive: true, force: true }));
 
+// A cube of n x n squares a side, and one of the edges on its face x = n.
+function gridCube(n) {
+  const numbers = new Map(), triangles = [];
+  const vertex = (p) => numbers.get(`${p}`) ?? (numbers.set(`${p}`, numbers.size), numbers.size - 1);
+  for (let axis = 0; axis < 3; axis++)
+    for (const side of [0, n])
+      for (let i = 0; i < n; i++)
+        for (let j = 0; j < n; j++) {
+          const at = (u, v) => { const p = [0, 0, 0]; p[axis] = side; p[(axis + 1) % 3] = u; p[(axis + 2) % 3] = v; return vertex(p); };
+          const [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+          triangles.push(side === 0 ? [a, c, b] : [a, b, c], side === 0 ? [a, d, c] : [a, c, d]);
+        }
+  const rows = [...numbers.keys()].map((p) => p.replaceAll(',', ' ')).concat(triangles.map((t) => `3 ${t.join(' ')}`));
+  return `ply\nformat ascii 1.0\nelement vertex ${numbers.size}\nproperty float x\nproperty float y\nproperty float z\n` +
+    `element face ${triangles.length}\nproperty list uchar int vertex_indices\nend_header\n${rows.join('\n')}\n`;
+}
+
+test('an envelope keeps edges that a file names, and takes together what is coplanar at epsilon 0', async () => {
+  fs.writeFileSync(at('cube.ply'), gridCube(6));
+  fs.writeFileSync(at('edges.txt'), '# on one side\n\n6 3 3  6 4 3\n');
+  const counts = [];
+  for (const more of [[], ['--edges', 'edges.txt']]) {
+    const { families } = await facts('bake', 'cube.ply', '-o', `cube${more.length}`, '--family', 'envelope', '--epsilon', '0', ...more);
+    counts.push(families.envelope.levels[0].triangles);
+  }
+  assert.equal(counts[0], 12);
+  assert.ok(counts[1] > 12 && counts[1] < 40, `${counts[1]}`);
+  const wrong = { '6 3 3 6 4': /line 2: expected six numbers/, '6 3 3 6 4 3.5': /line 2: the model has no vertex/, '6 3 3 6 5 3': /line 2: no triangle has an edge/ };
+  for (const [line, sentence] of Object.entries(wrong)) {
+    fs.writeFileSync(at('wrong.txt'), `# an edge\n${line}\n`);
+    const { status, stderr } = await lodestream('bake', 'cube.ply', '-o', 'wrong', '--family', 'envelope', '--edges', 'wrong.txt');
+    assert.equal(status, BAD_INPUT, line);
+    assert.match(stderr, sentence);
+  }
+  for (const epsilon of ['-1', 'nan', '', '-0.1%']) {
+    const { status, stderr } = await lodestream('bake', 'cube.ply', '-o', 'wrong', '--family', 'envelope', '--epsilon', epsilon);
+    assert.equal(status, USAGE, epsilon);
+    assert.match(stderr, /expected a number of model units/);
+  }
+});
+
 test('every command explains itself and says its version', async () => {
   const version = fs.readFileSync(path.join(build, '../../VERSION'), 'utf8').trim();
   for (const command of [[], ...commands.map((name) => [name])]) {
