@@ -154,8 +154,7 @@ static enum lod_status extract_unit(struct ladder *ladder, uint32_t u) {
   if (!ladder->settings->collapse.vertex_subset && ladder->settings->wishes == NULL)
     LOD_TRY(take_better(ladder, u));
   run->report = (struct lod_envelope_report){0};
-  return ladder->report == NULL ? LOD_OK
-                                : lod_envelope_measure_attributes(run->collapser, run->level_arena, &ladder->meshes[u], &run->report);
+  return lod_envelope_measure_attributes(run->collapser, run->level_arena, &ladder->meshes[u], &run->report);
 }
 
 static void unit_chunk(void *context, size_t begin, size_t end, size_t chunk) {
@@ -192,8 +191,18 @@ static enum lod_status emit_level(struct ladder *ladder, struct lod_arena *arena
   for (uint32_t u = 0; status == LOD_OK && ladder->report != NULL && u < ladder->run_count; u++)
     add_report(ladder->report, &ladder->runs[u].report, ladder->meshes[u].triangle_count);
   if (status == LOD_OK) {
+    struct lod_envelope_report drift = {0};
+    bool attributes = false;
+    for (uint32_t u = 0; u < ladder->run_count; u++) {
+      add_report(&drift, &ladder->runs[u].report, 0);
+      attributes = attributes || ladder->runs[u].unit->mesh.wedge_count != 0;
+    }
     struct lod_level level = {
         .meshes = ladder->meshes, .nearby = ladder->nearby, .replacements = ladder->replacements, .bound = ladder->epsilon};
+    level.has_drift = attributes;
+    for (int set = 0; set < LOD_UV_SETS; set++)
+      level.uv_drift = fmax(level.uv_drift, drift.uv[set]);
+    level.normal_drift = drift.normal_degrees;
     if (ladder->runs[0].last_vertex != NULL && ladder->parents[0] != NULL)
       level.parents = ladder->parents;
     status = sink(sink_context, &level);

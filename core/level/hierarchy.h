@@ -27,7 +27,11 @@ struct lod_level {
   /* Per unit: source vertex -> level triangle that replaces it, near it, so that the vertex can move there (Varshney 1995, 6.5), LOD_NONE
    * where it names no triangle; or NULL. */
   uint32_t *const *replacements;
-  double bound;    /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
+  /* How far attributes drift from the source's where the family tells it: sampled, a figure and no bound. */
+  bool has_drift;
+  double uv_drift;     /* the most in any set, units of UV */
+  double normal_drift; /* degrees */
+  double bound;        /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
   double expected; /* without a bound: about the distance, by a measure that proves nothing; 0 = not known. Leads the choice of precision */
   double cell;     /* width of the clustering cell; 0 = none */
   const struct lod_level_patches *patches; /* or NULL */

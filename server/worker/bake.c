@@ -381,6 +381,7 @@ static enum lod_status add_pending(struct family_job *job, const struct lod_leve
     ok = patches != NULL && (patches->bytes = lod_arena_copy(pending->arena, patches->bytes, patches->size)) != NULL;
     pending->level.patches = patches;
   }
+  pending->level.replacements = NULL;
   pending->level.parents = copy_parents(bake, level, pending->arena, &ok);
   job->waiting += (double)level_triangles(bake, level);
   return ok ? LOD_OK : lod_fail_memory(bake->problem);

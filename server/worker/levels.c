@@ -131,7 +131,8 @@ enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct
     struct lod_arena *trial = lod_arena_create_child(arena);
     if (trial == NULL)
       return lod_fail_memory(problem);
-    struct lod_baked_level result = {.cell = level->cell};
+    struct lod_baked_level result = {
+        .cell = level->cell, .has_drift = level->has_drift, .uv_drift = level->uv_drift, .normal_drift = level->normal_drift};
     enum lod_status status = encode(baker, level, quantisation, trial, &result, problem);
     if (status != LOD_OK) {
       lod_arena_destroy(trial);

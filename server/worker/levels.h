@@ -23,6 +23,8 @@ struct lod_baked_level {
   uint64_t vertices, triangles, edges, points; /* as decoded; instances not counted */
   struct lod_interval error;                   /* certified, model units, quantisation and import rounding included */
   double cell;
+  bool has_drift; /* as lod_level */
+  double uv_drift, normal_drift;
   uint8_t *bytes; /* the GLB */
   size_t size;
   char object[LOD_HASH_HEX + 1];  /* set when it is written */

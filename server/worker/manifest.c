@@ -38,13 +38,32 @@ static json_t *text(const char *string) {
   return value != NULL ? value : json_string("(name is not UTF-8)");
 }
 
-static json_t *level_json(const struct lod_baked_level *level, uint32_t index) {
+/* The widest picture's side: what a difference of UV is at most in texels. */
+static double most_texels(const struct lod_model *model) {
+  double most = 0;
+  for (uint32_t i = 0; i < model->image_count; i++) {
+    most = model->images[i].width > most ? model->images[i].width : most;
+    most = model->images[i].height > most ? model->images[i].height : most;
+  }
+  return most;
+}
+
+static json_t *drift_json(const struct lod_baked_level *level, const struct lod_model *model) {
+  json_t *json = json_pack("{sf sf}", "uv", level->uv_drift, "normal_degrees", level->normal_drift);
+  if (most_texels(model) > 0)
+    json_object_set_new(json, "texels", json_real(level->uv_drift * most_texels(model)));
+  return json;
+}
+
+static json_t *level_json(const struct lod_baked_level *level, uint32_t index, const struct lod_model *model) {
   json_t *json = json_pack("{sI sI sI sI sI}", "level", (json_int_t)index, "vertices", (json_int_t)level->vertices, "triangles",
                            (json_int_t)level->triangles, "edges", (json_int_t)level->edges, "points", (json_int_t)level->points);
   json_object_set_new(json, "error", upper_bound(level->error.upper));
   json_object_set_new(json, "error_lower", lower_bound(level->error.lower));
   if (level->cell > 0)
     json_object_set_new(json, "cell", json_real(level->cell));
+  if (level->has_drift)
+    json_object_set_new(json, "drift", drift_json(level, model));
   json_object_set_new(json, "bytes", json_integer((json_int_t)level->size));
   json_object_set_new(json, "object", json_string(level->object));
   json_object_set_new(json, "type", json_string("model/gltf-binary"));
@@ -90,7 +109,7 @@ static json_t *families_json(const struct lod_manifest_facts *facts) {
     const struct lod_baked_family *family = &facts->families[f];
     json_t *levels = json_array();
     for (uint32_t i = 0; i < family->level_count; i++) {
-      json_t *level = level_json(&family->levels[i], i);
+      json_t *level = level_json(&family->levels[i], i, facts->model);
       if (family->levels[i].patches.size != 0)
         name_polygons(facts, &family->levels[i], level);
       json_array_append_new(levels, level);
