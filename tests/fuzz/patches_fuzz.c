@@ -16,10 +16,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   uint8_t *bytes = malloc(size > 0 ? size : 1);
   memcpy(bytes, data, size);
   if (lod_patches_inspect(bytes, size, &header, &problem) == LOD_OK && header.size <= size) {
+    const size_t frame = header.size; /* decoding fills the header again */
     /* The checksum stands before the body, whose length the varint before it tells: find it by trying. */
     for (size_t body = 5; body < size && body < 96; body++)
-      if (header.size - body < size && body >= 9) {
-        uint32_t crc = lod_crc32(bytes + body, header.size - body);
+      if (body < frame && body >= 9) {
+        uint32_t crc = lod_crc32(bytes + body, frame - body);
         uint8_t mended[4] = {(uint8_t)crc, (uint8_t)(crc >> 8), (uint8_t)(crc >> 16), (uint8_t)(crc >> 24)}, old[4];
         memcpy(old, bytes + body - 4, 4);
         memcpy(bytes + body - 4, mended, 4);
