@@ -7,6 +7,7 @@
 #include "codec/stream/bytes.h"
 #include "codec/stream/coder.h"
 #include "codec/stream/connectivity.h"
+#include "core/base/sets.h"
 
 static const uint8_t kMagic[4] = {'L', 'O', 'D', 'P'};
 enum { MAX_HEADER = 96, MAX_CELL = (1 << 24) - 1, NORMAL_BITS = 9, GROUP_NONE = 0xFFFFFFFF };
@@ -209,21 +210,6 @@ static enum lod_status code_corners(struct job *job) {
 
 /* ---- normals ---- */
 
-static uint32_t find_root(uint32_t *parent, uint32_t i) {
-  while (parent[i] != i)
-    i = parent[i] = parent[parent[i]];
-  return i;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b) {
-  a = find_root(parent, a);
-  b = find_root(parent, b);
-  if (a < b)
-    parent[b] = a;
-  else
-    parent[a] = b;
-}
-
 /* Octahedral square of a direction: [-1, 1]^2. */
 static void to_square(struct lod_vec3 n, double xy[2]) {
   double sum = fabs(n.x) + fabs(n.y) + fabs(n.z);
@@ -259,20 +245,20 @@ static enum lod_status code_normals(struct job *job) {
     uint32_t other = job->mesh.opposite[h];
     if (other == LOD_NONE || out->sharp[out->edges[h / 3][h % 3] >> 1])
       continue;
-    join(job->parent, h, lod_half_edge_next(other));
-    join(job->parent, lod_half_edge_next(h), other);
+    lod_sets_join(job->parent, h, lod_half_edge_next(other));
+    lod_sets_join(job->parent, lod_half_edge_next(h), other);
   }
   for (uint32_t p = 0; p < job->header.patches; p++) {
     struct lod_vec3 a = out->positions[out->corners[p][0]];
     struct lod_vec3 normal =
         lod_vec3_cross(lod_vec3_subtract(out->positions[out->corners[p][1]], a), lod_vec3_subtract(out->positions[out->corners[p][2]], a));
     for (uint32_t k = 0; k < 3; k++) {
-      struct lod_vec3 *sum = &mean[find_root(job->parent, 3 * p + k)];
+      struct lod_vec3 *sum = &mean[lod_sets_find(job->parent, 3 * p + k)];
       *sum = lod_vec3_add(*sum, normal);
     }
   }
   for (uint32_t c = 0; c < corners; c++) {
-    uint32_t root = find_root(job->parent, c);
+    uint32_t root = lod_sets_find(job->parent, c);
     if (root == c) { /* the lowest of its sector */
       uint32_t half = job->given == NULL ? 0 : job->given_half[c],
                sector = job->given == NULL ? LOD_NONE : job->given->sectors[half / 3][half % 3];

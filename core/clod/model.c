@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/base/sets.h"
 #include "core/base/tolerance.h"
 #include "core/clod/internal.h"
 #include "core/mesh/feature.h"
@@ -92,21 +93,6 @@ struct builder {
   uint32_t *sector;   /* union-find over corners, then sector number */
 };
 
-static uint32_t find_root(uint32_t *parent, uint32_t i) {
-  while (parent[i] != i)
-    i = parent[i] = parent[parent[i]];
-  return i;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b) {
-  a = find_root(parent, a);
-  b = find_root(parent, b);
-  if (a < b)
-    parent[b] = a;
-  else
-    parent[a] = b;
-}
-
 static bool takes_part(const struct builder *b, uint32_t t) {
   return b->adjacency.edge_of[3 * t] != LOD_NONE;
 }
@@ -129,15 +115,15 @@ static enum lod_status make_sectors(struct builder *b) {
   for (uint32_t h = 0; h < corners; h++)
     if (takes_part(b, h / 3) && smooth_across(b, h)) {
       uint32_t twin = b->adjacency.twin[h];
-      join(b->sector, h, lod_half_edge_next(twin));
-      join(b->sector, lod_half_edge_next(h), twin);
+      lod_sets_join(b->sector, h, lod_half_edge_next(twin));
+      lod_sets_join(b->sector, lod_half_edge_next(h), twin);
     }
   uint32_t *number = LOD_NEW(b->scratch, corners, uint32_t);
   clod->sectors = LOD_NEW_ZERO(clod->arena, corners, struct lod_vec3);
   if (number == NULL || clod->sectors == NULL)
     return LOD_MEMORY;
   for (uint32_t c = 0; c < corners; c++) {
-    uint32_t root = find_root(b->sector, c); /* the lowest corner of its sector */
+    uint32_t root = lod_sets_find(b->sector, c); /* the lowest corner of its sector */
     number[c] = root == c ? clod->sector_count++ : number[root];
   }
   for (uint32_t t = 0; t < mesh->triangle_count; t++) {
@@ -418,10 +404,10 @@ static enum lod_status dissolve_short_creases(struct builder *b) {
       if (b->features.edges[e] == 0)
         continue;
       uint32_t h = b->adjacency.edge_half_edges[b->adjacency.edge_begin[e]];
-      uint32_t from = lod_half_edge_start(mesh, h), to = lod_half_edge_end(mesh, h), root = find_root(group, from);
+      uint32_t from = lod_half_edge_start(mesh, h), to = lod_half_edge_end(mesh, h), root = lod_sets_find(group, from);
       bool crease = b->features.edges[e] == LOD_FEATURE_CREASE;
       if (pass == 0)
-        join(group, from, to);
+        lod_sets_join(group, from, to);
       else if (pass == 1) /* other lines hold the creases that meet them */
         length[root] +=
             crease ? lod_vec3_distance(lod_vec3_from_float(mesh->positions[from]), lod_vec3_from_float(mesh->positions[to])) : INFINITY;

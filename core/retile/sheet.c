@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/base/sets.h"
 #include "core/mesh/curvature.h"
 #include "core/mesh/feature.h"
 #include "core/retile/internal.h"
@@ -50,12 +51,6 @@ static void list_edges(struct web *web) {
       web->edges[--web->begin[web->ends[e][k]]] = e;
 }
 
-static uint32_t find_root(uint32_t *parent, uint32_t v) {
-  while (parent[v] != v)
-    v = parent[v] = parent[parent[v]];
-  return v;
-}
-
 /* Drops webs of creases that are short as a whole. */
 static enum lod_status drop_lone_creases(struct web *web, double least, struct lod_arena *scratch) {
   uint32_t count = web->mesh->vertex_count;
@@ -67,14 +62,14 @@ static enum lod_status drop_lone_creases(struct web *web, double least, struct l
     parent[v] = v;
   for (uint32_t e = 0; e < web->adjacency->edge_count; e++)
     if (web->flags[e] != 0) {
-      uint32_t a = find_root(parent, web->ends[e][0]), b = find_root(parent, web->ends[e][1]);
+      uint32_t a = lod_sets_find(parent, web->ends[e][0]), b = lod_sets_find(parent, web->ends[e][1]);
       parent[a > b ? a : b] = a > b ? b : a;
     }
   for (uint32_t e = 0; e < web->adjacency->edge_count; e++)
     if (web->flags[e] != 0)
-      length[find_root(parent, web->ends[e][0])] += web->flags[e] == LOD_FEATURE_CREASE ? edge_length(web, e) : INFINITY;
+      length[lod_sets_find(parent, web->ends[e][0])] += web->flags[e] == LOD_FEATURE_CREASE ? edge_length(web, e) : INFINITY;
   for (uint32_t e = 0; e < web->adjacency->edge_count; e++)
-    if (web->flags[e] != 0 && length[find_root(parent, web->ends[e][0])] < least)
+    if (web->flags[e] != 0 && length[lod_sets_find(parent, web->ends[e][0])] < least)
       web->flags[e] = 0;
   return LOD_OK;
 }
