@@ -144,16 +144,23 @@ static int remove_bake(void **state) {
   return system(command);
 }
 
-static void a_gltf_over_two_levels_points_where_each_did(void **state) {
-  int directory = open(*state, O_RDONLY | O_DIRECTORY);
-  struct lod_interop_level levels[2];
+/* The glTF over a red level with texture x, and this one; json_decref it. */
+static json_t *two_levels(int directory, const char *finer, struct lod_interop_level levels[2]) {
   put_glb(directory, 'a', LEVEL("red", "x"), &levels[0]);
-  put_glb(directory, 'b', LEVEL("blue", "y"), &levels[1]);
+  put_glb(directory, 'b', finer, &levels[1]);
   json_t *manifest = manifest_of((const double[]){1, 1}, 1, 1);
   char *text;
   assert_int_equal(lod_interop_gltf(manifest, levels, 2, directory, &text, NULL), LOD_OK);
   json_t *gltf = json_loads(text, 0, NULL);
   free(text);
+  json_decref(manifest);
+  return gltf;
+}
+
+static void a_gltf_over_two_levels_points_where_each_did(void **state) {
+  int directory = open(*state, O_RDONLY | O_DIRECTORY);
+  struct lod_interop_level levels[2];
+  json_t *gltf = two_levels(directory, LEVEL("blue", "y"), levels);
   /* The finest (b) comes first: nodes 0, 1 and its root 2; then a's. */
   assert_int_equal(at(gltf, "scenes.0.nodes.0"), 2);
   assert_int_equal(at(gltf, "nodes.2.children.0"), 0);
@@ -175,25 +182,17 @@ static void a_gltf_over_two_levels_points_where_each_did(void **state) {
   assert_int_equal(at(gltf, "materials.1.extensions.KHR_materials_clearcoat.clearcoatTexture.index"), 1);
   assert_int_equal(at(gltf, "textures.1.source"), 1);
   json_decref(gltf);
-  json_decref(manifest);
   close(directory);
 }
 
 static void levels_with_the_same_materials_share_them(void **state) {
   int directory = open(*state, O_RDONLY | O_DIRECTORY);
   struct lod_interop_level levels[2];
-  put_glb(directory, 'a', LEVEL("red", "x"), &levels[0]);
-  put_glb(directory, 'b', LEVEL("red", "x"), &levels[1]);
-  json_t *manifest = manifest_of((const double[]){1, 1}, 1, 1);
-  char *text;
-  assert_int_equal(lod_interop_gltf(manifest, levels, 2, directory, &text, NULL), LOD_OK);
-  json_t *gltf = json_loads(text, 0, NULL);
-  free(text);
+  json_t *gltf = two_levels(directory, LEVEL("red", "x"), levels);
   assert_int_equal(json_array_size(json_object_get(gltf, "materials")), 1);
   assert_int_equal(json_array_size(json_object_get(gltf, "images")), 1);
   assert_int_equal(at(gltf, "meshes.1.primitives.0.material"), 0);
   json_decref(gltf);
-  json_decref(manifest);
   close(directory);
 }
 

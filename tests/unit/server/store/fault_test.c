@@ -20,9 +20,7 @@
 
 #include "server/jobs/jobs.h"
 #include "server/store/check.h"
-#include "server/store/files.h"
-#include "server/store/store.h"
-#include "tests/unit/server/store/bake_folder.h"
+#include "tests/unit/server/store/fixture.h"
 
 /* ---- the shim ---- */
 
@@ -60,7 +58,7 @@ static bool note(enum kind kind, int fd, const char *path) {
     snprintf(name, sizeof name, "%s", path);
     fstatat(fd, path, &facts, AT_SYMLINK_NOFOLLOW);
   }
-  if (strstr(name, "lodestream-fault") == NULL && path == NULL)
+  if (strstr(name, "lodestream-store") == NULL && path == NULL)
     return false; /* another file of this process */
   pthread_mutex_lock(&shim.lock);
   bool fails = ++shim.calls == shim.fail_at;
@@ -124,49 +122,18 @@ static void shim_stop(void) {
 
 /* ---- fixture ---- */
 
-struct fixture {
-  char root[64], path[80];
-  int root_fd, bakes;
-  struct lod_store *store;
-};
-
-static void reopen(struct fixture *fixture) {
-  struct lod_problem problem = {0};
-  lod_store_close(fixture->store);
-  fixture->store = NULL;
-  if (lod_store_open(fixture->path, &fixture->store, &problem) != LOD_OK)
-    fail_msg("%s: %s", problem.type, problem.detail);
-}
-
-static int set_up(void **state) {
-  struct fixture *fixture = calloc(1, sizeof *fixture);
-  strcpy(fixture->root, "/tmp/lodestream-fault-XXXXXX");
-  assert_non_null(mkdtemp(fixture->root));
-  snprintf(fixture->path, sizeof fixture->path, "%s/store", fixture->root);
-  fixture->root_fd = open(fixture->root, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  reopen(fixture);
-  *state = fixture;
-  return 0;
-}
-
-static int tear_down(void **state) {
-  struct fixture *fixture = *state;
+/* The shim first: closing the store is not under test, and may not fail. */
+static int stop_and_tear_down(void **state) {
   shim_stop();
-  lod_store_close(fixture->store);
-  close(fixture->root_fd);
-  lod_remove_tree(AT_FDCWD, fixture->root);
-  free(fixture);
-  return 0;
+  return tear_down(state);
 }
 
 /* A bake of `id` whose content depends on `revision`, in a folder beside the store. */
 static int make_bake(struct fixture *fixture, const char *id, const char *revision) {
-  char name[32], coarse[40], fine[40];
-  snprintf(name, sizeof name, "bake-%d", fixture->bakes++);
+  char coarse[40], fine[40];
   snprintf(coarse, sizeof coarse, "coarse %s", revision);
   snprintf(fine, sizeof fine, "fine %s", revision);
-  assert_int_equal(mkdirat(fixture->root_fd, name, 0700), 0);
-  int fd = openat(fixture->root_fd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  int fd = bake_folder(fixture);
   const struct bake_level levels[] = {{coarse, 0}, {"shared by all", 0}, {fine, 0}};
   assert_int_equal(write_bake(fd, id, revision, levels, 3, NULL), 0);
   return fd;
@@ -385,11 +352,11 @@ static void check_finds_what_is_damaged_and_repair_leaves_a_sound_store(void **s
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test_setup_teardown(a_revision_is_on_the_disk_before_a_row_names_it, set_up, tear_down),
-      cmocka_unit_test_setup_teardown(an_upload_is_on_the_disk_before_it_is_acknowledged, set_up, tear_down),
-      cmocka_unit_test_setup_teardown(an_error_of_the_disk_loses_nothing_acknowledged, set_up, tear_down),
-      cmocka_unit_test_setup_teardown(a_full_disk_loses_nothing_acknowledged, set_up, tear_down),
-      cmocka_unit_test_setup_teardown(check_finds_what_is_damaged_and_repair_leaves_a_sound_store, set_up, tear_down),
+      cmocka_unit_test_setup_teardown(a_revision_is_on_the_disk_before_a_row_names_it, set_up, stop_and_tear_down),
+      cmocka_unit_test_setup_teardown(an_upload_is_on_the_disk_before_it_is_acknowledged, set_up, stop_and_tear_down),
+      cmocka_unit_test_setup_teardown(an_error_of_the_disk_loses_nothing_acknowledged, set_up, stop_and_tear_down),
+      cmocka_unit_test_setup_teardown(a_full_disk_loses_nothing_acknowledged, set_up, stop_and_tear_down),
+      cmocka_unit_test_setup_teardown(check_finds_what_is_damaged_and_repair_leaves_a_sound_store, set_up, stop_and_tear_down),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
