@@ -1,6 +1,7 @@
 #!/bin/bash
 # Fuzzes every target of build/fuzz for SECONDS each, from its corpus. What it finds stays in build/fuzz/found/NAME; the inputs that reach
-# new code, smallest first, in build/fuzz/corpus/NAME.
+# new code, smallest first, in build/fuzz/corpus/NAME. Words of a format are in tests/fuzz/dict/NAME. Inputs are short (LENGTH bytes, default
+# 1024) so that there are many of them; the number that ran is printed for each target.
 #
 #   tests/fuzz/fuzz.sh SECONDS [NAME...]
 set -eu
@@ -15,7 +16,10 @@ failed=""
 for name in "$@"; do
   mkdir -p "build/fuzz/corpus/$name" "build/fuzz/found/$name"
   echo "== $name, $seconds s"
+  dictionary=""
+  [ ! -e "tests/fuzz/dict/$name" ] || dictionary="-dict=tests/fuzz/dict/$name"
   "build/fuzz/tests/fuzz/${name}_fuzz" -max_total_time="$seconds" -timeout=20 -rss_limit_mb=4096 -malloc_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
+    -max_len="${LENGTH:-1024}" $dictionary \
     -artifact_prefix="build/fuzz/found/$name/" "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name" || failed="$failed $name"
 done
 [ -z "$failed" ] || { echo "found something in:$failed (see build/fuzz/found)" >&2; exit 1; }
