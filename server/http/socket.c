@@ -59,34 +59,47 @@ static int open_bound(const struct addrinfo *info, const struct sockaddr *addres
   return fd;
 }
 
-enum lod_status lod_socket_listen(const char *address, uint32_t count, int *listeners, char text[LOD_ADDRESS_TEXT_MAX],
-                                  struct lod_problem *problem) {
-  struct addrinfo *info;
-  struct sockaddr_storage bound;
-  socklen_t size = sizeof bound;
-  LOD_TRY(resolve(address, &info, problem));
+/* Opens `count` listeners at the address; false, and errno, when it is taken. */
+static bool open_all(const struct addrinfo *info, uint32_t count, int *listeners, struct sockaddr_storage *bound) {
+  socklen_t size = sizeof *bound;
   /* SO_REUSEPORT would let a second daemon of this user take half of the connections; a socket without it finds the port taken. It also
    * picks the free port when 0 is asked for. */
   int probe = open_bound(info, info->ai_addr, false);
-  bool good = probe >= 0 && listen(probe, 1) == 0 && getsockname(probe, (struct sockaddr *)&bound, &size) == 0;
+  bool good = probe >= 0 && listen(probe, 1) == 0 && getsockname(probe, (struct sockaddr *)bound, &size) == 0;
   int error = errno;
   if (probe >= 0)
     close(probe);
   uint32_t opened = 0;
   for (; good && opened < count; opened++) {
-    listeners[opened] = open_bound(info, (struct sockaddr *)&bound, true);
+    listeners[opened] = open_bound(info, (struct sockaddr *)bound, true);
     good = listeners[opened] >= 0 && listen(listeners[opened], BACKLOG) == 0;
     error = errno;
   }
-  freeaddrinfo(info);
-  if (good) {
-    lod_socket_text((struct sockaddr *)&bound, text);
-    return LOD_OK;
-  }
-  while (opened-- > 0)
+  while (!good && opened-- > 0)
     if (listeners[opened] >= 0)
       close(listeners[opened]);
-  return lod_fail(problem, LOD_IO, "cannot-listen", "--listen: cannot listen on '%s': %s.", address, strerror(error));
+  errno = error;
+  return good;
+}
+
+enum lod_status lod_socket_listen(const char *address, uint32_t count, int *listeners, char text[LOD_ADDRESS_TEXT_MAX],
+                                  struct lod_problem *problem) {
+  enum { TRIES = 20 };
+  struct addrinfo *info;
+  struct sockaddr_storage bound;
+  LOD_TRY(resolve(address, &info, problem));
+  /* A free port may be taken by somebody between the probe and the listeners; then there is another. */
+  int tries = strcmp(address + strlen(address) - 2, ":0") == 0 ? TRIES : 1;
+  bool good;
+  do
+    good = open_all(info, count, listeners, &bound);
+  while (!good && errno == EADDRINUSE && --tries > 0);
+  int error = errno;
+  freeaddrinfo(info);
+  if (!good)
+    return lod_fail(problem, LOD_IO, "cannot-listen", "--listen: cannot listen on '%s': %s.", address, strerror(error));
+  lod_socket_text((struct sockaddr *)&bound, text);
+  return LOD_OK;
 }
 
 enum lod_status lod_socket_inherit(int fd, uint32_t count, int *listeners, char text[LOD_ADDRESS_TEXT_MAX], struct lod_problem *problem) {
