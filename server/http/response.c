@@ -228,8 +228,10 @@ unsigned lod_status_http(const struct lod_problem *problem) {
     return 400;
   case LOD_UNSUPPORTED:
     return 422;
-  case LOD_LIMIT: /* only a full queue passes with time */
-    return strcmp(problem->type, "queue-full") == 0 ? 503 : 413;
+  case LOD_LIMIT: /* a full queue passes with time, a full store when something is deleted */
+    return strcmp(problem->type, "queue-full") == 0 ? 503 : strcmp(problem->type, "quota") == 0 ? 507 : 413;
+  case LOD_IO:
+    return strcmp(problem->type, "disk-full") == 0 ? 507 : strcmp(problem->type, "store-read-only") == 0 ? 503 : 500;
   case LOD_MEMORY:
   case LOD_CANCELLED:
     return 503;

@@ -104,8 +104,7 @@ static void delete_model(struct lod_exchange *exchange) {
   const char *id = exchange->target.segments[2];
   struct lod_query_problem problem = {0};
   bool existed = false;
-  lod_jobs_cancel_model(exchange->service->jobs, id); /* an upload that still bakes must not bring the model back */
-  if (lod_store_model_delete(exchange->service->store, id, &existed, &problem.problem) != LOD_OK)
+  if (lod_jobs_delete_model(exchange->service->jobs, id, &existed, &problem.problem) != LOD_OK)
     lod_reply_failure(&exchange->reply, &problem);
   else if (!existed)
     lod_exchange_unknown_model(exchange, id);
@@ -253,8 +252,14 @@ void lod_body_upload(struct lod_exchange *exchange, const char *bytes, size_t si
     if (written < 0 && errno == EINTR)
       continue;
     if (written <= 0) {
-      bool full = written == 0 || errno == ENOSPC || errno == EDQUOT;
-      lod_reply_problem(&exchange->reply, full ? 507 : 500, full ? "disk-full" : "disk-error",
+      bool full = written == 0 || errno == ENOSPC || errno == EDQUOT, locked = errno == EROFS;
+      lod_reply_problem(&exchange->reply,
+                        full     ? 507
+                        : locked ? 503
+                                 : 500,
+                        full     ? "disk-full"
+                        : locked ? "store-read-only"
+                                 : "disk-error",
                         "The server could not write the upload to its disk.", "");
       return;
     }

@@ -20,7 +20,7 @@ void lod_answer_healthz(struct lod_exchange *exchange) {
   answer_ok(exchange);
 }
 
-/* Touches the disk, so it runs in the background. */
+/* Touches the disk and may try a worker, so it runs in the background. */
 static void check_ready(struct lod_exchange *exchange) {
   struct lod_problem problem = {0};
   const char *worker = exchange->service->config->worker;
@@ -29,6 +29,8 @@ static void check_ready(struct lod_exchange *exchange) {
                       *problem.detail ? problem.detail : "The store is not ready.", "");
   else if (access(worker, X_OK) != 0)
     lod_reply_problem(&exchange->reply, 503, "no-worker", "The worker program cannot be run; see --worker.", "");
+  else if (!lod_jobs_ready(exchange->service->jobs, &problem))
+    lod_reply_problem(&exchange->reply, 503, problem.type, problem.detail, "");
   else
     answer_ok(exchange);
 }

@@ -55,12 +55,17 @@ struct lod_job {
   double created, finished;   /* seconds since 1970 */
   uint64_t next;              /* of a job that is done: the one that adds the later families; 0 = none, or not known any more */
 };
-/* Ends all jobs of a model that are queued or running with the problem "cancelled", and returns when none of them can change the model any
- * more: to be called before lod_store_model_delete, so that what was uploaded before a delete does not come back after it. */
-void lod_jobs_cancel_model(struct lod_jobs *jobs, const char *id);
+/* Deletes the model from the store and ends its open jobs with the problem "cancelled", both or neither, also when the daemon dies
+ * meanwhile: what was uploaded before a delete does not come back after it. *existed: whether there was a model or such a job. Waits for a
+ * running worker to be killed. */
+LOD_WARN_UNUSED enum lod_status lod_jobs_delete_model(struct lod_jobs *jobs, const char *id, bool *existed, struct lod_problem *problem);
 
 /* False when there is no such job (or it ended long ago: the last kept_jobs are kept). */
 bool lod_jobs_find(struct lod_jobs *jobs, uint64_t number, struct lod_job *job);
+
+/* Whether a bake that came now would be done: a worker enters its jail and answers (tried, at most once a minute), and what waits or runs
+ * moves. For /readyz; blocks while a worker is tried. problem: "queue-stuck", "jail-...", "worker-..." */
+bool lod_jobs_ready(struct lod_jobs *jobs, struct lod_problem *problem);
 
 struct lod_jobs_counts {
   uint64_t queued, running, done, failed;                 /* now, now, since start, since start */

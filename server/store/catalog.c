@@ -288,12 +288,22 @@ enum lod_status lod_catalog_put_model(struct lod_catalog *catalog, const struct 
   return status;
 }
 
-enum lod_status lod_catalog_delete_model(struct lod_catalog *catalog, const char *id, bool *existed, struct lod_problem *problem) {
+static int end_jobs(struct lod_catalog *catalog, const char *id, const struct lod_catalog_ending *ending) {
+  return run(catalog, NULL,
+             "UPDATE jobs SET state = ?, finished = ?, status = ?, type = ?, detail = ? WHERE id = ? AND number <= ? AND state < ?",
+             "idisssii", (int64_t)ending->state, ending->finished, (int64_t)ending->problem->status, ending->problem->type,
+             ending->problem->detail, id, (int64_t)ending->last, (int64_t)ending->open_states);
+}
+
+enum lod_status lod_catalog_delete_model(struct lod_catalog *catalog, const char *id, const struct lod_catalog_ending *ending,
+                                         bool *existed, struct lod_problem *problem) {
   pthread_mutex_lock(&catalog->mutex);
   enum lod_status status = LOD_OK;
   int code = run(catalog, NULL, "BEGIN IMMEDIATE", "");
   if (code == SQLITE_OK)
     code = drop_names(catalog, id);
+  if (code == SQLITE_OK && ending != NULL)
+    code = end_jobs(catalog, id, ending);
   if (code == SQLITE_OK)
     code = run(catalog, NULL, "DELETE FROM models WHERE id = ?", "s", id);
   *existed = code == SQLITE_OK && sqlite3_changes(catalog->database) > 0;

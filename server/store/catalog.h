@@ -45,7 +45,16 @@ LOD_WARN_UNUSED enum lod_status lod_catalog_read_models(struct lod_catalog *cata
  * then hold more than quota_bytes (0 = no limit) all is undone and LOD_LIMIT "quota" returned. */
 LOD_WARN_UNUSED enum lod_status lod_catalog_put_model(struct lod_catalog *catalog, const struct lod_catalog_model *model,
                                                       uint64_t quota_bytes, struct lod_problem *problem);
-LOD_WARN_UNUSED enum lod_status lod_catalog_delete_model(struct lod_catalog *catalog, const char *id, bool *existed,
+/* How jobs of the model end with it: those up to number `last` whose state is below `open_states`. */
+struct lod_catalog_ending {
+  uint64_t last;
+  int open_states, state;
+  double finished;
+  const struct lod_problem *problem;
+};
+/* ending: NULL = no job. */
+LOD_WARN_UNUSED enum lod_status lod_catalog_delete_model(struct lod_catalog *catalog, const char *id,
+                                                         const struct lod_catalog_ending *ending, bool *existed,
                                                          struct lod_problem *problem);
 
 /* ---- jobs ---- */

@@ -204,7 +204,7 @@ static enum lod_status check_job(void *context, const struct lod_catalog_job *ro
 static enum lod_status drop_broken(struct check *check) {
   for (const struct model_name *name = check->broken; name; name = name->next) {
     bool existed;
-    LOD_TRY(lod_catalog_delete_model(check->catalog, name->id, &existed, check->problem));
+    LOD_TRY(lod_catalog_delete_model(check->catalog, name->id, NULL, &existed, check->problem));
     tell(check, "model %s: removed from the catalogue", name->id);
     check->findings->repaired++;
   }

@@ -352,19 +352,21 @@ static void make_reserve(struct lod_store *store) {
   close(fd);
 }
 
-static enum lod_status delete_rows(struct lod_store *store, const char *id, bool *existed, struct lod_problem *problem) {
+static enum lod_status delete_rows(struct lod_store *store, const char *id, const struct lod_catalog_ending *ending, bool *existed,
+                                   struct lod_problem *problem) {
   struct lod_problem local = {0};
-  enum lod_status status = lod_catalog_delete_model(store->catalog, id, existed, &local);
+  enum lod_status status = lod_catalog_delete_model(store->catalog, id, ending, existed, &local);
   if (status == LOD_IO && strcmp(local.type, "disk-full") == 0 && unlinkat(store->directory_fd, "reserve", 0) == 0) {
     local = (struct lod_problem){0};
-    status = lod_catalog_delete_model(store->catalog, id, existed, &local);
+    status = lod_catalog_delete_model(store->catalog, id, ending, existed, &local);
   }
   return status == LOD_OK ? LOD_OK : lod_fail(problem, status, local.type, "%s", local.detail);
 }
 
-enum lod_status lod_store_model_delete(struct lod_store *store, const char *id, bool *existed, struct lod_problem *problem) {
+enum lod_status lod_store_model_delete(struct lod_store *store, const char *id, const struct lod_catalog_ending *ending, bool *existed,
+                                       struct lod_problem *problem) {
   pthread_mutex_lock(&store->write);
-  enum lod_status status = delete_rows(store, id, existed, problem);
+  enum lod_status status = delete_rows(store, id, ending, existed, problem);
   if (status == LOD_OK) {
     struct revision *old = exchange(store, id, NULL);
     if (old != NULL)
@@ -531,6 +533,19 @@ void lod_store_close(struct lod_store *store) {
   free(store);
 }
 
+/* Writes, because what statvfs says is not the whole truth: of a quota, or of a file system that went read-only by an error. */
+static bool can_write(const struct lod_store *store) {
+  static const char kPage[4096];
+  int fd = openat(store->directory_fd, "uploads", O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
+  if (fd < 0)
+    return errno == EOPNOTSUPP || errno == EISDIR || errno == EINVAL; /* a file system without unnamed files: it cannot be told */
+  bool written = write(fd, kPage, sizeof kPage) == (ssize_t)sizeof kPage;
+  int error = errno;
+  close(fd);
+  errno = error;
+  return written;
+}
+
 bool lod_store_ready(struct lod_store *store, struct lod_problem *problem) {
   if (lod_catalog_check(store->catalog, problem) != LOD_OK)
     return false;
@@ -545,6 +560,10 @@ bool lod_store_ready(struct lod_store *store, struct lod_problem *problem) {
   }
   if ((uint64_t)facts.f_bavail * facts.f_frsize < READY_FREE_BYTES) {
     (void)lod_fail(problem, LOD_IO, "disk-full", "The store's file system has less than %d KiB left.", READY_FREE_BYTES / 1024);
+    return false;
+  }
+  if (!can_write(store)) {
+    (void)lod_fail_errno(problem, "The store's directory cannot be written");
     return false;
   }
   return true;

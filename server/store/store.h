@@ -93,8 +93,11 @@ size_t lod_store_model_count(struct lod_store *store);
 /* Counts up whenever any model appears, changes or goes: to cache the list. */
 uint64_t lod_store_generation(struct lod_store *store);
 
-/* *existed: whether there was one. Objects that nothing else names go too; readers keep what they hold. */
-LOD_WARN_UNUSED enum lod_status lod_store_model_delete(struct lod_store *store, const char *id, bool *existed, struct lod_problem *problem);
+/* *existed: whether there was one. Objects that nothing else names go too; readers keep what they hold. ending (catalog.h): jobs whose rows
+ * end in the same transaction; NULL = none. */
+struct lod_catalog_ending;
+LOD_WARN_UNUSED enum lod_status lod_store_model_delete(struct lod_store *store, const char *id, const struct lod_catalog_ending *ending,
+                                                       bool *existed, struct lod_problem *problem);
 
 /* Takes a finished bake directory (manifest.json + objects/) into the store as the new revision of `id`: checks the manifest's shape and
  * every object's hash and size, moves, syncs, commits. The worker that wrote it is not trusted, and must be dead: nothing may write to the

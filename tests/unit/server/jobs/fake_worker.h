@@ -216,8 +216,12 @@ static const struct role kRoles[] = {
 static int act_as_worker(void) {
   char text[256] = {0}, type;
   struct lod_frame_reader reader = {0};
-  if (lod_frame_read(LOD_WORKER_SOCKET_FD, &reader, &type) != LOD_OK || type != 'J' || strstr(reader.payload, "\"job\":\"bake\"") == NULL ||
-      pread(LOD_WORKER_INPUT_FD, text, sizeof text - 1, 0) < 0)
+  bool read = lod_frame_read(LOD_WORKER_SOCKET_FD, &reader, &type) == LOD_OK && type == 'J';
+  if (read && strstr(reader.payload, "\"job\":\"try\"") != NULL) {
+    send_text('D', "{}");
+    return 0;
+  }
+  if (!read || strstr(reader.payload, "\"job\":\"bake\"") == NULL || pread(LOD_WORKER_INPUT_FD, text, sizeof text - 1, 0) < 0)
     return 99;
   const char *list = strstr(reader.payload, "\"families\":[");
   for (size_t i = 0; list != NULL && list[12 + i] != ']' && i < sizeof families - 1; i++)

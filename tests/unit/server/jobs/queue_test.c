@@ -399,8 +399,8 @@ static void a_delete_after_an_upload_wins(void **state) {
   struct lod_job job = {0};
   while (job.state != LOD_JOB_RUNNING)
     assert_true(lod_jobs_find(fixture->jobs, running, &job));
-  lod_jobs_cancel_model(fixture->jobs, "bunny");
-  assert_int_equal(lod_store_model_delete(fixture->store, "bunny", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_jobs_delete_model(fixture->jobs, "bunny", &existed, NULL), LOD_OK);
+  assert_true(existed); /* its uploads were there */
   assert_string_equal(wait_for(fixture, running, false).problem.type, "cancelled");
   assert_string_equal(wait_for(fixture, waiting, false).problem.type, "cancelled");
   assert_int_equal(wait_for(fixture, other, false).state, LOD_JOB_DONE);
@@ -501,8 +501,29 @@ static void a_second_job_survives_a_restart(void **state) {
   stop(fixture);
   start(fixture);
   assert_int_equal(wait_for(fixture, first.next, true).state, LOD_JOB_RUNNING); /* asks for envelope again, so it hangs again */
-  lod_jobs_cancel_model(fixture->jobs, "bunny");
+  bool existed;
+  assert_int_equal(lod_jobs_delete_model(fixture->jobs, "bunny", &existed, NULL), LOD_OK);
   assert_string_equal(wait_for(fixture, first.next, false).problem.type, "cancelled");
+}
+
+static void ready_means_that_a_worker_comes_up(void **state) {
+  struct fixture *fixture = *state;
+  struct lod_problem problem = {0};
+  const char *good = fixture->settings.worker_path;
+  assert_true(lod_jobs_ready(fixture->jobs, &problem));
+  assert_int_equal(problem.status, LOD_OK);
+  assert_int_equal(run(fixture, "succeed r1").state, LOD_JOB_DONE); /* a trial leaves nothing in the way */
+  static const char *const kBad[][2] = {{"/bin/false", "worker-crashed"}, {"/nowhere/worker", "worker-missing"}};
+  for (size_t i = 0; i < sizeof kBad / sizeof *kBad; i++) {
+    stop(fixture);
+    fixture->settings.worker_path = kBad[i][0];
+    start(fixture);
+    assert_false(lod_jobs_ready(fixture->jobs, &problem));
+    assert_string_equal(problem.type, kBad[i][1]);
+  }
+  stop(fixture);
+  fixture->settings.worker_path = good;
+  start(fixture);
 }
 
 static void only_the_last_ended_jobs_are_kept(void **state) {
@@ -554,6 +575,7 @@ int main(int argc, char **argv) {
       TEST(models_that_are_not_served_yet_come_before_later_families),
       TEST(a_new_upload_ends_the_second_job_of_the_one_before),
       TEST(a_second_job_survives_a_restart),
+      TEST(ready_means_that_a_worker_comes_up),
       TEST(only_the_last_ended_jobs_are_kept),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

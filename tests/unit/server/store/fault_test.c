@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "server/jobs/jobs.h"
+#include "server/store/catalog.h"
 #include "server/store/check.h"
 #include "tests/unit/server/store/fixture.h"
 
@@ -37,6 +38,7 @@ static struct {
   pthread_mutex_t lock;
   bool on;
   long calls, fail_at; /* the fail_at-th call fails; 0 = none */
+  bool lasting;        /* and all after it */
   int error;
   bool failed;
   struct event events[4000];
@@ -61,7 +63,7 @@ static bool note(enum kind kind, int fd, const char *path) {
   if (strstr(name, "lodestream-store") == NULL && path == NULL)
     return false; /* another file of this process */
   pthread_mutex_lock(&shim.lock);
-  bool fails = ++shim.calls == shim.fail_at;
+  bool fails = ++shim.calls == shim.fail_at || (shim.lasting && shim.fail_at != 0 && shim.calls > shim.fail_at);
   if (!fails && shim.count < sizeof shim.events / sizeof *shim.events) {
     struct event *event = &shim.events[shim.count++];
     event->kind = kind;
@@ -119,6 +121,8 @@ static void shim_start(long fail_at, int error) {
 static void shim_stop(void) {
   shim.on = false;
 }
+
+static char self[4096]; /* this program, which is the worker as well */
 
 /* ---- fixture ---- */
 
@@ -283,6 +287,65 @@ static void a_full_disk_loses_nothing_acknowledged(void **state) {
   fail_each_call(*state, ENOSPC);
 }
 
+/* State of the job's row, as the next start would read it; -1 = no such row. */
+struct wanted {
+  uint64_t number;
+  int state;
+};
+static enum lod_status take_state(void *context, const struct lod_catalog_job *row) {
+  struct wanted *wanted = context;
+  if (row->number == wanted->number)
+    wanted->state = row->state;
+  return LOD_OK;
+}
+static int state_on_disk(struct fixture *fixture, uint64_t number) {
+  struct wanted wanted = {number, -1};
+  assert_int_equal(lod_catalog_read_jobs(lod_store_catalog(fixture->store), take_state, &wanted, NULL), LOD_OK);
+  return wanted.state;
+}
+
+static void a_delete_ends_upload_and_model_or_neither(void **state) {
+  struct fixture *fixture = *state;
+  struct lod_jobs_settings settings = lod_jobs_defaults();
+  struct lod_jobs *jobs;
+  settings.store = fixture->store;
+  settings.worker_path = self; /* waits for ever */
+  assert_int_equal(lod_jobs_create(&settings, &jobs, NULL), LOD_OK);
+  int bake_fd = make_bake(fixture, "cube", "r1"), fd;
+  assert_int_equal(lod_store_commit_bake(fixture->store, "cube", bake_fd, NULL), LOD_OK);
+  close(bake_fd);
+  uint64_t number;
+  assert_int_equal(lod_jobs_upload_create(jobs, &fd, NULL), LOD_OK);
+  assert_int_equal(write(fd, "model", 5), 5);
+  assert_int_equal(lod_jobs_submit(jobs, "cube", "cube.ply", NULL, fd, &number, NULL), LOD_OK);
+  long refused = 0;
+  char found[40];
+  struct lod_job job;
+  for (long call = 1;; call++) {
+    bool existed;
+    struct lod_problem problem = {0};
+    shim.lasting = true; /* the runner's own notes come in between */
+    shim_start(call, EIO);
+    enum lod_status status = lod_jobs_delete_model(jobs, "cube", &existed, &problem);
+    shim_stop();
+    shim.lasting = false;
+    assert_true(lod_jobs_find(jobs, number, &job));
+    revision_of(fixture, "cube", found);
+    int row = state_on_disk(fixture, number);
+    if (status == LOD_OK) {
+      assert_true(existed && found[0] == 0 && row == LOD_JOB_FAILED);
+      assert_string_equal(job.problem.type, "cancelled");
+      break;
+    }
+    assert_true(call < 1000 && job.state < LOD_JOB_DONE && row >= 0 && row < LOD_JOB_DONE);
+    assert_string_equal(found, "r1");
+    refused++;
+  }
+  lod_jobs_destroy(jobs);
+  print_message("  %ld deletes failed, each leaving the model and its upload\n", refused);
+  assert_true(refused > 0);
+}
+
 /* ---- check and repair ---- */
 
 static void spoil(struct fixture *fixture, const char *sha256, const char *how) {
@@ -350,12 +413,18 @@ static void check_finds_what_is_damaged_and_repair_leaves_a_sound_store(void **s
   reopen(fixture);
 }
 
-int main(void) {
+int main(int argc, char **argv) {
+  (void)argv;
+  while (argc > 1) /* a worker that does not answer */
+    pause();
+  ssize_t size = readlink("/proc/self/exe", self, sizeof self - 1);
+  self[size > 0 ? size : 0] = 0;
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_setup_teardown(a_revision_is_on_the_disk_before_a_row_names_it, set_up, stop_and_tear_down),
       cmocka_unit_test_setup_teardown(an_upload_is_on_the_disk_before_it_is_acknowledged, set_up, stop_and_tear_down),
       cmocka_unit_test_setup_teardown(an_error_of_the_disk_loses_nothing_acknowledged, set_up, stop_and_tear_down),
       cmocka_unit_test_setup_teardown(a_full_disk_loses_nothing_acknowledged, set_up, stop_and_tear_down),
+      cmocka_unit_test_setup_teardown(a_delete_ends_upload_and_model_or_neither, set_up, stop_and_tear_down),
       cmocka_unit_test_setup_teardown(check_finds_what_is_damaged_and_repair_leaves_a_sound_store, set_up, stop_and_tear_down),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -15,6 +15,8 @@
 #include <sys/wait.h>
 #include <time.h>
 
+#include <sqlite3.h>
+
 #include "server/store/catalog.h"
 #include "tests/unit/server/store/fixture.h"
 
@@ -136,13 +138,13 @@ static void another_id_in_the_manifest_is_replaced(void **state) {
 static void two_models_share_an_object_until_both_are_gone(void **state) {
   struct fixture *fixture = *state;
   bool existed;
-  assert_int_equal(lod_store_model_delete(fixture->store, "cube", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_store_model_delete(fixture->store, "cube", NULL, &existed, NULL), LOD_OK);
   assert_false(existed);
   assert_int_equal(put(fixture, "cube", "r1", kCube, 3, NULL), LOD_OK);
   assert_int_equal(put(fixture, "other", "r1", kOther, 2, NULL), LOD_OK);
   assert_int_equal(count_objects(fixture), 4);
   assert_int_equal(lod_store_bytes(fixture->store), 11 + 11 + 9 + 12);
-  assert_int_equal(lod_store_model_delete(fixture->store, "cube", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_store_model_delete(fixture->store, "cube", NULL, &existed, NULL), LOD_OK);
   assert_true(existed);
   assert_int_equal(count_objects(fixture), 2);
   struct lod_stored_model *model = lod_store_model_open(fixture->store, "other");
@@ -150,10 +152,10 @@ static void two_models_share_an_object_until_both_are_gone(void **state) {
   lod_store_model_release(model);
   reopen(fixture);
   assert_int_equal(count_objects(fixture), 2);
-  assert_int_equal(lod_store_model_delete(fixture->store, "other", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_store_model_delete(fixture->store, "other", NULL, &existed, NULL), LOD_OK);
   assert_int_equal(count_objects(fixture), 0);
   assert_int_equal(lod_store_bytes(fixture->store), 0);
-  assert_int_equal(lod_store_model_delete(fixture->store, "other", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_store_model_delete(fixture->store, "other", NULL, &existed, NULL), LOD_OK);
   assert_false(existed);
 }
 
@@ -170,7 +172,7 @@ static void a_reader_keeps_what_it_holds_when_the_model_is_deleted(void **state)
   struct lod_stored_model *model = lod_store_model_open(fixture->store, "cube");
   struct lod_object *first, *late;
   assert_int_equal(lod_store_object_open(fixture->store, model->families[0].levels[0].sha256, &first, NULL), LOD_OK);
-  assert_int_equal(lod_store_model_delete(fixture->store, "cube", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_store_model_delete(fixture->store, "cube", NULL, &existed, NULL), LOD_OK);
   assert_null(lod_store_model_open(fixture->store, "cube"));
   /* The revision that is held still opens objects that were never opened before. */
   check_whole(fixture->store, model);
@@ -213,7 +215,7 @@ static void the_list_is_in_id_order_and_pages(void **state) {
   for (size_t i = 0; i < 6; i++)
     assert_int_equal(put(fixture, kIds[i], "r1", kCube, 3, NULL), LOD_OK);
   bool existed;
-  assert_int_equal(lod_store_model_delete(fixture->store, "b", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_store_model_delete(fixture->store, "b", NULL, &existed, NULL), LOD_OK);
   assert_int_equal(lod_store_model_list(fixture->store, NULL, 8, models), 5);
   static const char *const kOrder[] = {"B", "a", "c.1", "m", "z"};
   for (size_t i = 0; i < 5; i++) {
@@ -568,13 +570,76 @@ static void readers_never_meet_a_missing_object_while_revisions_change(void **st
   for (int i = 0; i < 30; i++) {
     assert_int_equal(put(fixture, "cube", "r1", i % 2 ? kCube : kOther, i % 2 ? 3 : 2, NULL), LOD_OK);
     if (i % 10 == 9)
-      assert_int_equal(lod_store_model_delete(fixture->store, "cube", &existed, NULL), LOD_OK);
+      assert_int_equal(lod_store_model_delete(fixture->store, "cube", NULL, &existed, NULL), LOD_OK);
   }
   atomic_store(&crowd.stop, true);
   for (size_t i = 0; i < 3; i++)
     pthread_join(threads[i], NULL);
   assert_true(atomic_load(&crowd.opened) > 0);
   wait_for_objects(fixture, 0);
+}
+
+/* ---- stores of earlier versions ---- */
+
+static void sql(struct fixture *fixture, const char *text) {
+  char path[300];
+  sqlite3 *database;
+  snprintf(path, sizeof path, "%s/catalog.sqlite", fixture->path);
+  assert_int_equal(sqlite3_open(path, &database), SQLITE_OK);
+  if (sqlite3_exec(database, text, NULL, NULL, NULL) != SQLITE_OK)
+    fail_msg("%s: %s", text, sqlite3_errmsg(database));
+  sqlite3_close(database);
+}
+
+struct job_facts {
+  size_t count;
+  struct lod_catalog_job last;
+};
+static enum lod_status take_job(void *context, const struct lod_catalog_job *job) {
+  struct job_facts *facts = context;
+  facts->count++;
+  facts->last = *job;
+  return LOD_OK;
+}
+
+/* Version 1 had no column for jobs that add later families. */
+static void a_store_of_version_1_is_taken_over_whole(void **state) {
+  struct fixture *fixture = *state;
+  const struct bake_level levels[] = {{"coarse", 0}, {"fine", 0}};
+  assert_int_equal(put(fixture, "cube", "r1", levels, 2, NULL), LOD_OK);
+  lod_store_close(fixture->store);
+  fixture->store = NULL;
+  sql(fixture, "DROP TABLE jobs;"
+               "CREATE TABLE jobs (number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL, name TEXT NOT NULL, format TEXT,"
+               " state INTEGER NOT NULL, attempts INTEGER NOT NULL, created REAL NOT NULL, finished REAL NOT NULL,"
+               " status INTEGER NOT NULL, type TEXT NOT NULL, detail TEXT NOT NULL);"
+               "INSERT INTO jobs VALUES (7, 'cube', 'cube.ply', 'ply', 2, 1, 1e9, 1e9 + 2, 0, '', '');"
+               "PRAGMA user_version = 1;");
+  for (int round = 0; round < 2; round++) { /* the second time there is nothing to take over */
+    reopen(fixture);
+    struct lod_stored_model *model = lod_store_model_open(fixture->store, "cube");
+    assert_non_null(model);
+    assert_string_equal(model->revision, "r1");
+    check_whole(fixture->store, model);
+    lod_store_model_release(model);
+    struct job_facts facts = {0};
+    assert_int_equal(lod_catalog_read_jobs(lod_store_catalog(fixture->store), take_job, &facts, NULL), LOD_OK);
+    assert_int_equal(facts.count, 1);
+    assert_int_equal(facts.last.number, 7);
+    assert_int_equal(facts.last.state, 2);
+    assert_false(facts.last.later);
+    uint64_t last;
+    assert_int_equal(lod_catalog_last_job(lod_store_catalog(fixture->store), &last, NULL), LOD_OK);
+    assert_int_equal(last, 7); /* numbers are not given twice */
+  }
+  lod_store_close(fixture->store);
+  fixture->store = NULL;
+  struct lod_problem problem = {0};
+  sql(fixture, "PRAGMA user_version = 99;");
+  assert_int_equal(lod_store_open(fixture->path, &fixture->store, &problem), LOD_UNSUPPORTED);
+  assert_string_equal(problem.type, "store-newer");
+  sql(fixture, "PRAGMA user_version = 2;");
+  reopen(fixture);
 }
 
 /* ---- kills ---- */
@@ -687,7 +752,7 @@ static void run_on_small_disk(struct fixture *fixture) {
   /* A bake whose files are there already, on a disk without a free byte. */
   const struct bake_level tiny[] = {{"tiny", 0}};
   bool existed;
-  if (lod_store_model_delete(fixture->store, "m0", &existed, &problem) != LOD_OK)
+  if (lod_store_model_delete(fixture->store, "m0", NULL, &existed, &problem) != LOD_OK)
     _exit(3);
   int fd = bake_folder(fixture);
   static char page[65536];
@@ -760,6 +825,7 @@ int main(void) {
       TEST(a_lost_object_is_a_problem_and_a_new_bake_mends_it),
       TEST(a_store_that_is_not_one_is_refused_with_a_reason),
       TEST(readers_never_meet_a_missing_object_while_revisions_change),
+      TEST(a_store_of_version_1_is_taken_over_whole),
       TEST(a_kill_at_any_moment_loses_nothing_acknowledged),
       TEST(a_full_disk_is_a_clear_problem_and_heals_by_itself),
   };
