@@ -144,12 +144,15 @@ $(B)/server/http/openapi.o: server/http/openapi.json
 
 # WebAssembly: the same C for the browser, one file per module. A new source of a module goes into its list, a new module gets a list and a
 # name in WASM_MODULES. No threads, no I/O; all arithmetic as in COMMON, so the bits are the same.
-WASM_MODULES := lodestream refine
+WASM_MODULES := lodestream refine clod
 WASM_lodestream := clients/web/src/wasm/module.c core/base/arena.c core/base/status.c \
  core/mesh/mesh.c core/mesh/adjacency.c $(wildcard core/mesh/overlay*.c) \
  $(filter-out codec/stream/delta_encode.c,$(wildcard codec/stream/*.c))
 WASM_refine := clients/web/src/wasm/refine.c core/base/arena.c core/base/status.c core/mesh/mesh.c core/mesh/adjacency.c \
  core/mesh/feature.c core/mesh/triangle_distance.c $(filter-out core/refine/plain.c core/refine/stepwise.c core/refine/uniform.c,$(wildcard core/refine/*.c))
+WASM_clod := clients/web/src/wasm/clod.c core/base/arena.c core/base/status.c core/mesh/mesh.c core/mesh/adjacency.c \
+ $(addprefix core/clod/,bezier.c cone.c dynamic.c evaluate.c gregory.c halve.c pattern.c patches.c) \
+ $(addprefix codec/stream/,patches.c coder.c connectivity.c cut.c bytes.c)
 WASM_CC := clang --target=wasm32-wasi
 WASM_FLAGS := -std=c17 -I. -D_GNU_SOURCE -DNDEBUG -O3 -msimd128 -ffp-contract=off -fno-math-errno -fno-strict-aliasing -ffunction-sections $(WARN)
 WASM_LINK := -nostartfiles -Wl,--no-entry,--gc-sections,--strip-all,--stack-first,-z,stack-size=1048576,--max-memory=2147483648

@@ -35,10 +35,10 @@ fi
 three="$here/node_modules/three/examples/jsm/libs"
 mkdir -p "$out/draco"
 "$here/node_modules/.bin/esbuild" "$here/src/viewer/app.js" "$here/src/three/normals-worker.js" \
-  "$here/src/wasm/core-worker.js" "$here/src/viewer/refine-app.js" \
+  "$here/src/wasm/core-worker.js" "$here/src/viewer/refine-app.js" "$here/src/viewer/patches-app.js" \
   --bundle --format=esm --minify --sourcemap --target=es2022 --legal-comments=linked --log-level=warning \
   --entry-names='[name]' --outdir="$out"
 cp "$three/draco/gltf/draco_wasm_wrapper.js" "$three/draco/gltf/draco_decoder.wasm" "$three/draco/gltf/draco_decoder.js" "$out/draco/"
 cp "$here/src/viewer/style.css" "$here/src/viewer/icon.svg" "$out/"
-cp "$here/src/viewer/index.html" "$here/src/viewer/refine.html" "$out/"
+cp "$here/src/viewer/index.html" "$here/src/viewer/refine.html" "$here/src/viewer/patches.html" "$out/"
 touch "$stamp"

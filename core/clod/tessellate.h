@@ -11,26 +11,7 @@
 #define LOD_CORE_CLOD_TESSELLATE_H
 
 #include "core/clod/patches.h"
-
-enum { LOD_TESSELLATE_MOST = 64 }; /* parts of an edge or a grid */
-
-/* Triangles of one patch in its domain. Vertices: 0 to 2 the corners; then those inside edge 0, 1, 2 in the patch's direction (factor - 1
- * each); then the inside ones. */
-struct lod_tessellation_pattern {
-  uint32_t edge_vertices[3]; /* first vertex inside each edge */
-  uint32_t inner_vertices;   /* first inside vertex */
-  uint32_t vertex_count, triangle_count;
-  struct lod_barycentric *domain; /* vertex_count */
-  uint32_t (*triangles)[3];
-};
-
-/* The pattern of a grid of m (1 to LOD_TESSELLATE_MOST) with these edge factors, in `arena`. m of 1 and 2 have no inside vertices and are
- * used only where no factor exceeds m. */
-LOD_WARN_UNUSED enum lod_status lod_tessellation_pattern_make(uint32_t m, const uint32_t factors[3], struct lod_arena *arena,
-                                                              struct lod_tessellation_pattern *pattern);
-
-/* An upper bound of |patch - its triangles|, corresponding points compared, over all triangles of the pattern. */
-double lod_tessellation_deviation(const struct lod_bezier *patch, const struct lod_tessellation_pattern *pattern);
+#include "core/clod/pattern.h"
 
 struct lod_tessellation {
   struct lod_mesh mesh;     /* positions, normals by wedge, materials, parts */
