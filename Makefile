@@ -147,7 +147,7 @@ $(B)/server/http/openapi.o: server/http/openapi.json
 WASM_MODULES := lodestream refine clod
 WASM_lodestream := clients/web/src/wasm/module.c core/base/arena.c core/base/status.c \
  core/mesh/mesh.c core/mesh/adjacency.c $(wildcard core/mesh/overlay*.c) \
- $(filter-out codec/stream/delta_encode.c,$(wildcard codec/stream/*.c))
+ $(filter-out codec/stream/%_encode.c,$(wildcard codec/stream/*.c))
 WASM_refine := clients/web/src/wasm/refine.c core/base/arena.c core/base/status.c core/mesh/mesh.c core/mesh/adjacency.c \
  core/mesh/feature.c core/mesh/triangle_distance.c $(filter-out core/refine/plain.c core/refine/stepwise.c core/refine/uniform.c,$(wildcard core/refine/*.c))
 WASM_clod := clients/web/src/wasm/clod.c core/base/arena.c core/base/status.c core/mesh/mesh.c core/mesh/adjacency.c \

@@ -2,13 +2,13 @@
 
 #include <string.h>
 
-#include "codec/stream/delta.h"
+#include "codec/stream/units.h"
 
 bool cli_is_delta(const char *path) {
   struct cli_file file;
   if (strcmp(path, "-") == 0 || cli_file_open(path, &file, NULL) != LOD_OK)
     return false;
-  bool is = file.size >= 4 && memcmp(file.bytes, "LODD", 4) == 0;
+  bool is = file.size >= 4 && (memcmp(file.bytes, "LODD", 4) == 0 || memcmp(file.bytes, "LODU", 4) == 0);
   cli_file_close(&file);
   return is;
 }
@@ -45,6 +45,35 @@ static void retag(struct lod_mesh *mesh, uint32_t unit, const struct lod_model *
   mesh->materials = mesh->edge_materials = mesh->point_materials = NULL;
 }
 
+/* All units of a step. */
+static enum lod_status join_units(const char *path, const uint8_t *bytes, size_t size, struct lod_model *model, struct lod_arena *arena,
+                                  struct lod_problem *problem) {
+  struct lod_units units;
+  struct lod_delta_level joined;
+  if (model->unit_count != 1)
+    return lod_fail(problem, LOD_BAD_INPUT, "wrong-base", "%s: units are of a model of one unit; the level before has %u.", path,
+                    model->unit_count);
+  LOD_TRY(lod_units_open(bytes, size, &model->units[0].mesh, NULL, arena, &units, problem));
+  const uint32_t count = units.header.patch_count;
+  struct lod_delta_level *levels = LOD_NEW_ZERO(arena, count, struct lod_delta_level);
+  const struct lod_delta_level **list = LOD_NEW_ZERO(arena, count, const struct lod_delta_level *);
+  if (levels == NULL || list == NULL)
+    return lod_fail_memory(problem);
+  for (uint32_t p = 0; p < count; p++) {
+    const struct lod_units_patch *patch = &units.patches[p];
+    if (patch->size == 0)
+      continue;
+    if (patch->offset > size)
+      return lod_fail(problem, LOD_BAD_INPUT, "truncated", "%s ends before unit %u.", path, p);
+    LOD_TRY(lod_units_decode(&units, p, bytes + patch->offset, size - patch->offset, NULL, arena, &levels[p], problem));
+    list[p] = &levels[p];
+  }
+  LOD_TRY(lod_units_join(&units, list, arena, &joined, problem));
+  retag(&joined.mesh, 0, model);
+  model->units[0].mesh = joined.mesh;
+  return LOD_OK;
+}
+
 static enum lod_status apply(const char *path, const uint8_t *bytes, size_t size, size_t *used, bool based, struct lod_model *model,
                              struct lod_arena *arena, struct lod_problem *problem) {
   struct lod_delta_header header;
@@ -70,7 +99,10 @@ enum lod_status cli_apply_deltas(const char *path, bool based, struct lod_model 
   enum lod_status status = LOD_OK;
   if (file.size == 0)
     status = lod_fail(problem, LOD_BAD_INPUT, "truncated", "%s is empty; deltas are expected.", path);
-  for (size_t at = 0, used = 0; status == LOD_OK && at < file.size; at += used)
+  const bool units = file.size >= 4 && memcmp(file.bytes, "LODU", 4) == 0;
+  if (units)
+    status = join_units(path, file.bytes, file.size, model, arena, problem);
+  for (size_t at = 0, used = 0; status == LOD_OK && at < file.size && !units; at += used)
     status = apply(path, file.bytes + at, file.size - at, &used, based, model, arena, problem);
   cli_file_close(&file);
   return status;

@@ -135,7 +135,12 @@ static enum lod_status export_level(struct export *e, const char *family, size_t
   if (delta == NULL)
     return LOD_OK;
   snprintf(path, sizeof path, "families/%s/%zu.delta.bin", family, number);
-  return copy_object(e, delta, path);
+  LOD_TRY(copy_object(e, delta, path));
+  json_t *units = json_object_get(delta, "units");
+  if (units == NULL)
+    return LOD_OK;
+  snprintf(path, sizeof path, "families/%s/%zu.units.bin", family, number);
+  return copy_object(e, units, path);
 }
 
 static enum lod_status export_family(struct export *e, const char *family, json_t *json) {

@@ -390,7 +390,7 @@ static enum lod_status code_normals(struct attributes *a) {
 static enum lod_status prepare(struct attributes *a) {
   struct step *s = a->s;
   const uint32_t wedges = s->header.wedges;
-  a->m = LOD_NEW_ZERO(s->scratch, 1, struct models);
+  a->m = lod_coder_models(&s->coder, sizeof *a->m, s->scratch);
   a->first = LOD_NEW(s->scratch, s->header.vertices, uint32_t);
   a->next = LOD_NEW(s->scratch, wedges, uint32_t);
   a->made = LOD_NEW(s->scratch, wedges, uint32_t);

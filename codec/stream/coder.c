@@ -45,6 +45,26 @@ void lod_coder_encode(struct lod_coder *coder, const struct lod_coder_tables *ta
   *coder = (struct lod_coder){.high = UINT32_MAX, .tables = tables, .arena = arena};
 }
 
+void *lod_coder_models(struct lod_coder *c, size_t size, struct lod_arena *arena) {
+  const uint32_t kind = c->memory.count++;
+  const bool primed = c->primer != NULL && kind < c->primer->count && c->primer->sizes[kind] == size;
+  void *block = primed ? lod_arena_copy(arena, c->primer->blocks[kind], size) : lod_arena_calloc(arena, 1, size);
+  c->memory.blocks[kind] = block;
+  c->memory.sizes[kind] = size;
+  return block;
+}
+
+struct lod_coder_memory *lod_coder_remember(const struct lod_coder *c, struct lod_arena *arena) {
+  struct lod_coder_memory *memory = LOD_NEW(arena, 1, struct lod_coder_memory);
+  if (memory == NULL)
+    return NULL;
+  *memory = c->memory;
+  for (uint32_t kind = 0; kind < memory->count; kind++)
+    if ((memory->blocks[kind] = lod_arena_copy(arena, c->memory.blocks[kind], memory->sizes[kind])) == NULL)
+      return NULL;
+  return memory;
+}
+
 static inline uint32_t next_byte(struct lod_coder *c) {
   if (c->in < c->in_end)
     return *c->in++;

@@ -28,6 +28,14 @@ struct lod_mixer {
 
 struct lod_coder_tables;
 
+/* What the models of a whole stream had learnt at its end. A stream that begins from there costs less when it is like that one. */
+enum { LOD_CODER_KINDS = 5 };
+struct lod_coder_memory {
+  uint32_t count;
+  size_t sizes[LOD_CODER_KINDS];
+  void *blocks[LOD_CODER_KINDS];
+};
+
 struct lod_coder {
   bool decoding;
   bool failed; /* encoding: memory is out */
@@ -38,6 +46,8 @@ struct lod_coder {
   size_t out_size, out_capacity;
   struct lod_arena *arena;
   const struct lod_coder_tables *tables;
+  const struct lod_coder_memory *primer; /* NULL, or where models begin */
+  struct lod_coder_memory memory;        /* the models themselves */
 };
 
 /* Shared by all coders of a job. NULL when memory is out. */
@@ -48,6 +58,11 @@ void lod_coder_decode(struct lod_coder *coder, const struct lod_coder_tables *ta
 
 /* Encoding: the last bytes. False when memory is out. Decoding: whether the bytes were exactly used up. */
 LOD_WARN_UNUSED bool lod_coder_finish(struct lod_coder *coder);
+
+/* Models of the next kind, zeroed, or as the primer's of that kind; the coder remembers them. At most LOD_CODER_KINDS calls. */
+void *lod_coder_models(struct lod_coder *coder, size_t size, struct lod_arena *arena);
+/* A copy of all of them. NULL when memory is out. */
+struct lod_coder_memory *lod_coder_remember(const struct lod_coder *coder, struct lod_arena *arena);
 
 /* Decoding: more was read than there is. Loops that a stream controls ask this. */
 static inline bool lod_coder_overrun(const struct lod_coder *coder) {

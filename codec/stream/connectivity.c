@@ -424,7 +424,7 @@ static bool allocate(struct front *f, uint32_t triangle_count, struct lod_arena 
   out->triangles = lod_arena_alloc(arena, triangle_count, sizeof *out->triangles);
   out->opposite = LOD_NEW(arena, half_edges, uint32_t);
   out->component = LOD_NEW(arena, f->max_vertices, uint32_t);
-  f->models = LOD_NEW_ZERO(scratch, 1, struct models);
+  f->models = lod_coder_models(f->coder, sizeof *f->models, arena);
   f->nodes = LOD_NEW(scratch, nodes, struct node);
   f->around = LOD_NEW(scratch, f->max_vertices, uint32_t);
   bool good = out->triangles != NULL && out->opposite != NULL && out->component != NULL && f->models != NULL && f->nodes != NULL &&

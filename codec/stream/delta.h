@@ -27,7 +27,7 @@
 #define LOD_DELTA_TYPE "application/vnd.lodestream.delta"
 
 enum {
-  LOD_DELTA_VERSION = 1,
+  LOD_DELTA_VERSION = 2,
   LOD_DELTA_MAX_HEADER_BYTES = 160, /* as many bytes as are there, up to this many, are enough for lod_delta_inspect */
 };
 
@@ -84,6 +84,16 @@ LOD_WARN_UNUSED enum lod_status lod_delta_decode(const uint8_t *bytes, size_t si
                                                  const struct lod_delta_limits *limits, struct lod_arena *arena,
                                                  struct lod_delta_level *level, struct lod_problem *problem);
 
+/* A frame of a stream of units (units.h), whose index has what its short header lacks: `header` comes in with from, to, unit, unit_count,
+ * base_vertices, vertices, triangles and grid. primer: what the models of another frame had learnt, or NULL; memory: NULL, or where what
+ * this one's had learnt goes, in the arena. Neither the base's checksum nor the result's is looked at. */
+struct lod_coder_memory;
+LOD_WARN_UNUSED enum lod_status lod_delta_decode_part(const uint8_t *bytes, size_t size, const struct lod_delta_header *header,
+                                                      const struct lod_mesh *base, const struct lod_delta_limits *limits,
+                                                      const struct lod_coder_memory *primer, struct lod_arena *arena,
+                                                      struct lod_coder_memory **memory, struct lod_delta_level *level,
+                                                      struct lod_problem *problem);
+
 /* ---- encode ---- */
 
 /* Bits by part of the stream, for benches. */
@@ -100,6 +110,9 @@ struct lod_delta_encode_request {
   double normal_degrees;                   /* normals are left out where all are within this of what a client computes; 3 */
   int normal_bits;                         /* octahedral, 2 to 16; 8 */
   struct lod_delta_statistics *statistics; /* NULL, or where bits are counted */
+  bool part;                               /* a frame for lod_delta_decode_part, with these: */
+  const struct lod_coder_memory *primer;
+  struct lod_coder_memory **memory;
 };
 struct lod_delta_encode_request lod_delta_encode_defaults(void);
 

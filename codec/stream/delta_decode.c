@@ -87,37 +87,31 @@ static enum lod_status make_mesh(struct step *s, struct lod_mesh *mesh) {
   return LOD_OK;
 }
 
-static enum lod_status finish(struct step *s, struct lod_delta_level *level) {
+static enum lod_status place_vertices(struct step *s, struct lod_delta_level *level) {
   struct lod_mesh *mesh = &level->mesh;
-  uint32_t checksum;
   for (uint32_t v = 0; v < mesh->vertex_count; v++)
     for (int i = 0; i < 3; i++) {
       mesh->positions[v][i] = lod_step_position(&s->header.grid, i, s->cells[v][i]);
       if (!(mesh->positions[v][i] >= -3.4e38f && mesh->positions[v][i] <= 3.4e38f))
         return lod_step_bad(s, "positions");
     }
-  LOD_TRY(lod_delta_checksum(mesh, s->scratch, &checksum));
-  if (checksum != s->header.checksum)
-    return lod_fail(s->problem, LOD_BAD_INPUT, "delta", "A delta decodes to a level with checksum %08x; its header says %08x.", checksum,
-                    s->header.checksum);
   return LOD_OK;
 }
 
-static enum lod_status decode(struct step *s, const uint8_t *bytes, size_t size, const struct lod_mesh *base,
-                              const struct lod_delta_limits *limits, struct lod_delta_level *level) {
+/* Everything behind the header, whose counts are in s->header. */
+static enum lod_status decode_body(struct step *s, const uint8_t *bytes, const struct delta_inner *inner, const struct lod_mesh *base,
+                                   struct lod_delta_level *level) {
   const struct lod_mesh empty = {0};
-  struct delta_inner inner;
-  LOD_TRY(lod_delta_read_header(bytes, size, &s->header, &inner, s->problem));
-  LOD_TRY(check_frame(s, size, &inner, bytes, limits));
-  LOD_TRY(check_base(s, base));
-  s->cut_vertices = inner.cut_vertices;
-  s->components = inner.components;
+  s->cut_vertices = inner->cut_vertices;
+  s->components = inner->components;
   LOD_TRY(lod_step_base(base != NULL ? base : &empty, &s->header.grid, s->scratch, &s->base));
   s->cells = lod_arena_calloc(s->scratch, s->header.vertices, sizeof *s->cells);
   const struct lod_coder_tables *tables = lod_coder_tables_create(s->scratch);
   if (s->cells == NULL || tables == NULL)
     return LOD_MEMORY;
+  const struct lod_coder_memory *primer = s->coder.primer;
   lod_coder_decode(&s->coder, tables, bytes + s->header.header_bytes, s->header.size - s->header.header_bytes);
+  s->coder.primer = primer;
   LOD_TRY(lod_step_topology(s));
   LOD_TRY(lod_step_locate(s));
   LOD_TRY(lod_step_kept(s));
@@ -136,7 +130,22 @@ static enum lod_status decode(struct step *s, const uint8_t *bytes, size_t size,
       kept[s->base.order[b]] = s->kept[b];
     level->kept = kept;
   }
-  return finish(s, level);
+  return place_vertices(s, level);
+}
+
+static enum lod_status decode(struct step *s, const uint8_t *bytes, size_t size, const struct lod_mesh *base,
+                              const struct lod_delta_limits *limits, struct lod_delta_level *level) {
+  struct delta_inner inner;
+  uint32_t checksum;
+  LOD_TRY(lod_delta_read_header(bytes, size, &s->header, &inner, s->problem));
+  LOD_TRY(check_frame(s, size, &inner, bytes, limits));
+  LOD_TRY(check_base(s, base));
+  LOD_TRY(decode_body(s, bytes, &inner, base, level));
+  LOD_TRY(lod_delta_checksum(&level->mesh, s->scratch, &checksum));
+  if (checksum != s->header.checksum)
+    return lod_fail(s->problem, LOD_BAD_INPUT, "delta", "A delta decodes to a level with checksum %08x; its header says %08x.", checksum,
+                    s->header.checksum);
+  return LOD_OK;
 }
 
 enum lod_status lod_delta_decode(const uint8_t *bytes, size_t size, const struct lod_mesh *base, const struct lod_delta_limits *limits,
@@ -146,6 +155,30 @@ enum lod_status lod_delta_decode(const uint8_t *bytes, size_t size, const struct
   struct step s = {.arena = arena, .scratch = scratch, .problem = problem, .statistics = &ignored};
   *level = (struct lod_delta_level){0};
   enum lod_status status = scratch == NULL ? LOD_MEMORY : decode(&s, bytes, size, base, limits, level);
+  lod_arena_destroy(scratch);
+  return status == LOD_MEMORY ? lod_fail_memory(problem) : status;
+}
+
+static enum lod_status decode_part(struct step *s, const uint8_t *bytes, size_t size, const struct lod_mesh *base,
+                                   const struct lod_delta_limits *limits, struct lod_coder_memory **memory, struct lod_delta_level *level) {
+  struct delta_inner inner;
+  LOD_TRY(lod_delta_read_short(bytes, size, &s->header, &inner, s->problem));
+  LOD_TRY(check_frame(s, size, &inner, bytes, limits));
+  LOD_TRY(decode_body(s, bytes, &inner, base, level));
+  if (memory != NULL && (*memory = lod_coder_remember(&s->coder, s->arena)) == NULL)
+    return LOD_MEMORY;
+  return LOD_OK;
+}
+
+enum lod_status lod_delta_decode_part(const uint8_t *bytes, size_t size, const struct lod_delta_header *header, const struct lod_mesh *base,
+                                      const struct lod_delta_limits *limits, const struct lod_coder_memory *primer, struct lod_arena *arena,
+                                      struct lod_coder_memory **memory, struct lod_delta_level *level, struct lod_problem *problem) {
+  struct lod_delta_statistics ignored = {0};
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  struct step s = {.arena = arena, .scratch = scratch, .problem = problem, .statistics = &ignored, .header = *header};
+  s.coder.primer = primer;
+  *level = (struct lod_delta_level){0};
+  enum lod_status status = scratch == NULL ? LOD_MEMORY : decode_part(&s, bytes, size, base, limits, memory, level);
   lod_arena_destroy(scratch);
   return status == LOD_MEMORY ? lod_fail_memory(problem) : status;
 }

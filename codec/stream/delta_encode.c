@@ -102,14 +102,20 @@ static enum lod_status encode(struct step *s, struct lod_arena *arena, uint8_t *
     LOD_TRY(lod_delta_checksum(request->base, s->scratch, &s->header.base_checksum));
   LOD_TRY(lod_delta_checksum(fine, s->scratch, &s->header.checksum));
   lod_coder_encode(&s->coder, tables, s->scratch);
+  s->coder.primer = request->primer;
   LOD_TRY(encode_first(s));
   if (s->coder.out_size > UINT32_MAX)
     return lod_fail(s->problem, LOD_LIMIT, "limit-bytes", "A delta would have more than 4 GB.");
   uint8_t header[LOD_DELTA_MAX_HEADER_BYTES];
   struct delta_inner inner = {
       .cut_vertices = s->cut_vertices, .components = s->components, .first_crc = lod_crc32(s->coder.out, s->coder.out_size)};
+  if (request->memory != NULL && (*request->memory = lod_coder_remember(&s->coder, arena)) == NULL)
+    return LOD_MEMORY;
   s->header.size = s->coder.out_size;
-  lod_delta_write_header(&s->header, &inner, header);
+  if (request->part)
+    lod_delta_write_short(&s->header, &inner, header);
+  else
+    lod_delta_write_header(&s->header, &inner, header);
   s->statistics->header += 8.0 * (double)s->header.header_bytes;
   *size = s->header.size;
   *bytes = LOD_NEW(arena, *size, uint8_t);

@@ -51,10 +51,11 @@ enum lod_status lod_step_kept(struct step *s) {
 
 /* ---- the least-squares mesh ---- */
 
+/* The mean of a vertex's neighbours, on a rim of those along it: rims are smooth curves. */
 static lod_v4 mean(const struct step *s, const lod_v4 *x, uint32_t v) {
   const struct lod_adjacency *n = &s->adjacency;
   lod_v4 sum = {0, 0, 0, 0};
-  for (uint32_t i = n->first[v]; i < n->first[v + 1]; i++)
+  for (uint32_t i = n->first[v], end = s->rim[v] > 0 ? i + s->rim[v] : n->first[v + 1]; i < end; i++)
     sum += x[n->list[i]];
   return sum * s->share[v];
 }
@@ -69,8 +70,11 @@ static void laplacian(const struct step *s, const lod_v4 *x, lod_v4 *out) {
 static lod_v4 gradient(const struct step *s, const lod_v4 *lap, uint32_t v) {
   const struct lod_adjacency *n = &s->adjacency;
   lod_v4 sum = lap[v];
-  for (uint32_t i = n->first[v]; i < n->first[v + 1]; i++)
+  uint32_t i = n->first[v];
+  for (const uint32_t end = i + s->rim[v]; i < end; i++)
     sum -= lap[n->list[i]] * s->share[n->list[i]];
+  for (; i < n->first[v + 1]; i++)
+    sum -= lap[n->list[i]] * s->inner[n->list[i]];
   return sum;
 }
 
@@ -171,20 +175,24 @@ static enum lod_status minimise(struct step *s, lod_v4 *x) {
 enum lod_status lod_step_predict(struct step *s) {
   const uint32_t vertices = s->header.vertices;
   s->share = LOD_NEW(s->scratch, vertices, float);
+  s->inner = LOD_NEW(s->scratch, vertices, float);
   s->stiffness = LOD_NEW(s->scratch, vertices, float);
   s->laplacian = LOD_NEW(s->scratch, vertices, lod_v4);
   s->size = lod_arena_calloc(s->scratch, vertices, sizeof *s->size);
-  if (s->share == NULL || s->stiffness == NULL || s->laplacian == NULL || s->size == NULL)
+  if (s->share == NULL || s->inner == NULL || s->stiffness == NULL || s->laplacian == NULL || s->size == NULL)
     return LOD_MEMORY;
   const struct lod_adjacency *n = &s->adjacency;
   for (uint32_t v = 0; v < vertices; v++) {
-    uint32_t degree = n->first[v + 1] - n->first[v];
+    uint32_t degree = s->rim[v] > 0 ? s->rim[v] : n->first[v + 1] - n->first[v];
     s->share[v] = degree > 0 ? 1 / (float)degree : 0;
+    s->inner[v] = s->rim[v] > 0 ? 0 : s->share[v];
   }
   for (uint32_t v = 0; v < vertices; v++) {
     float sum = 1;
-    for (uint32_t i = n->first[v]; i < n->first[v + 1]; i++)
-      sum += s->share[n->list[i]] * s->share[n->list[i]];
+    for (uint32_t i = n->first[v]; i < n->first[v + 1]; i++) {
+      const float weight = i < n->first[v] + s->rim[v] ? s->share[n->list[i]] : s->inner[n->list[i]];
+      sum += weight * weight;
+    }
     s->stiffness[v] = 1 / sum;
   }
   LOD_TRY(find_order(s));
@@ -201,8 +209,11 @@ static void move(struct step *s, uint32_t v, lod_v4 by) {
   const struct lod_adjacency *n = &s->adjacency;
   s->estimates[v] += by;
   s->laplacian[v] += by;
-  for (uint32_t i = n->first[v]; i < n->first[v + 1]; i++)
+  uint32_t i = n->first[v];
+  for (const uint32_t end = i + s->rim[v]; i < end; i++)
     s->laplacian[n->list[i]] -= by * s->share[n->list[i]];
+  for (; i < n->first[v + 1]; i++)
+    s->laplacian[n->list[i]] -= by * s->inner[n->list[i]];
 }
 
 /* Twice the normal of the surface as it seems to be around v, not of unit length. */
@@ -387,10 +398,11 @@ static enum lod_status code_rest(struct step *s, struct step_residual_models *m)
 }
 
 enum lod_status lod_step_geometry(struct step *s) {
-  struct step_residual_models *m = LOD_NEW_ZERO(s->scratch, 1, struct step_residual_models);
+  struct step_residual_models *m = lod_coder_models(&s->coder, sizeof *m, s->scratch);
   if (m == NULL)
     return LOD_MEMORY;
-  m->normal = m->tangential = 16;
+  if (s->coder.primer == NULL)
+    m->normal = m->tangential = 16;
   const size_t before = s->coder.out_size;
   LOD_TRY(code_reached(s, m));
   LOD_TRY(code_rest(s, m));

@@ -120,3 +120,36 @@ void lod_delta_write_header(struct lod_delta_header *h, const struct delta_inner
   h->size = h->header_bytes + body;
   h->memory_bytes = memory_of(h, inner);
 }
+
+enum lod_status lod_delta_read_short(const uint8_t *bytes, size_t size, struct lod_delta_header *h, struct delta_inner *inner,
+                                     struct lod_problem *problem) {
+  struct lod_reader r = {.at = bytes, .end = bytes + size};
+  *inner = (struct delta_inner){0};
+  inner->cut_vertices = lod_read_varint(&r);
+  inner->components = lod_read_varint(&r);
+  h->wedges = lod_read_varint(&r);
+  inner->first_crc = lod_read_fixed(&r, 4);
+  h->version = LOD_DELTA_VERSION;
+  h->header_bytes = (size_t)(r.at - bytes);
+  h->size = size;
+  if (r.failed)
+    return lod_fail(problem, LOD_BAD_INPUT, "truncated", "A unit of %zu bytes ends inside its header.", size);
+  if (!plausible(h, inner))
+    return lod_fail(problem, LOD_BAD_INPUT, "delta", "A unit of %zu bytes declares %u vertices and %u triangles, which cannot be.", size,
+                    h->vertices, h->triangles);
+  h->memory_bytes = memory_of(h, inner);
+  return LOD_OK;
+}
+
+void lod_delta_write_short(struct lod_delta_header *h, const struct delta_inner *inner, uint8_t bytes[LOD_DELTA_MAX_HEADER_BYTES]) {
+  struct lod_writer w = {.at = bytes};
+  const size_t body = h->size;
+  lod_write_varint(&w, inner->cut_vertices);
+  lod_write_varint(&w, inner->components);
+  lod_write_varint(&w, h->wedges);
+  lod_write_fixed(&w, inner->first_crc, 4);
+  h->version = LOD_DELTA_VERSION;
+  h->header_bytes = (size_t)(w.at - bytes);
+  h->size = h->header_bytes + body;
+  h->memory_bytes = memory_of(h, inner);
+}

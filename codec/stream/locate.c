@@ -466,7 +466,7 @@ static bool code_near(struct search *f, uint32_t base, uint32_t actual) {
 static bool allocate(struct search *f) {
   struct step *s = f->step;
   const uint32_t bases = s->base.vertex_count, vertices = s->header.vertices;
-  f->models = LOD_NEW_ZERO(s->scratch, 1, struct models);
+  f->models = lod_coder_models(&s->coder, sizeof *f->models, s->scratch);
   f->queue_next = LOD_NEW(s->scratch, bases, uint32_t);
   f->state = LOD_NEW_ZERO(s->scratch, bases, uint8_t);
   f->seen = LOD_NEW_ZERO(s->scratch, vertices, uint32_t);

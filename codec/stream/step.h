@@ -55,7 +55,8 @@ struct step {
   uint32_t (*edges)[2], *points;
   float *edge_thickness, *point_thickness;
   struct step_groups groups;
-  struct lod_adjacency adjacency; /* of the finer level; neighbours across uncut edges once */
+  struct lod_adjacency adjacency; /* of the finer level; neighbours across uncut edges once, those along cut edges first */
+  uint32_t *rim;                  /* vertex -> how many of its neighbours are along cut edges */
   struct lod_adjacency corners;   /* vertex -> its 3 t + i */
   lod_v4 *estimates;              /* vertex -> where it seems to lie while base vertices are found; in steps */
   uint8_t *estimated;             /* vertex: 0 nothing known, 1 estimated, 2 kept */
@@ -69,7 +70,8 @@ struct step {
   /* geometry.c */
   uint32_t *order; /* vertices by their distance from kept ones: kept_count of these, then those that are `reached` */
   uint32_t kept_count, reached;
-  float *share;      /* vertex -> 1 / number of neighbours */
+  float *share;      /* vertex -> 1 / number of neighbours whose mean it should be: those along the rim, where it has some */
+  float *inner;      /* vertex -> the same inside, 0 on the rim */
   float *stiffness;  /* vertex -> 1 / (1 + sum of the neighbours' share^2) */
   lod_v4 *laplacian; /* vertex -> estimate less mean of the neighbours' estimates */
   float (*size)[2];  /* vertex -> its difference along the normal and across, in steps; 0 = none */

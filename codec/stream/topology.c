@@ -326,31 +326,37 @@ static enum lod_status build_adjacency(struct step *s) {
     entries += opposite[h] == LOD_NONE;
   if (entries >= LOD_NONE)
     return LOD_LIMIT;
+  s->rim = LOD_NEW_ZERO(s->scratch, vertices, uint32_t);
   n->first = LOD_NEW_ZERO(s->scratch, (size_t)vertices + 1, uint32_t);
   k->first = LOD_NEW_ZERO(s->scratch, (size_t)vertices + 1, uint32_t);
   n->list = LOD_NEW(s->scratch, entries, uint32_t);
   k->list = LOD_NEW(s->scratch, 3 * (size_t)triangles, uint32_t);
-  if (n->first == NULL || k->first == NULL || n->list == NULL || k->list == NULL)
+  if (s->rim == NULL || n->first == NULL || k->first == NULL || n->list == NULL || k->list == NULL)
     return LOD_MEMORY;
-  for (int pass = 0; pass < 2; pass++) {
+  for (int pass = 0; pass < 3; pass++) { /* neighbours along the rim come first */
     for (uint32_t h = 0; h < 3 * triangles; h++) {
       uint32_t a = flat[h], b = flat[lod_half_edge_next(h)];
+      const bool rim = opposite[h] == LOD_NONE;
       if (pass == 0) {
         n->first[a]++;
         k->first[a]++;
-        n->first[b] += opposite[h] == LOD_NONE;
-        continue;
-      }
-      n->list[n->first[a]++] = b;
-      k->list[k->first[a]++] = h;
-      if (opposite[h] == LOD_NONE)
+        n->first[b] += rim;
+        s->rim[a] += rim;
+        s->rim[b] += rim;
+      } else if (pass == 1 && rim) {
+        n->list[n->first[a]++] = b;
         n->list[n->first[b]++] = a;
+      } else if (pass == 2) {
+        k->list[k->first[a]++] = h;
+        if (!rim)
+          n->list[n->first[a]++] = b;
+      }
     }
     for (uint32_t e = 0; e < s->header.edges; e++)
       for (int i = 0; i < 2; i++) {
         if (pass == 0)
           n->first[s->edges[e][i]]++;
-        else
+        else if (pass == 2)
           n->list[n->first[s->edges[e][i]]++] = s->edges[e][1 - i];
       }
     if (pass == 0) {
@@ -423,7 +429,7 @@ static enum lod_status allocate(struct step *s) {
 }
 
 enum lod_status lod_step_topology(struct step *s) {
-  struct models *m = LOD_NEW_ZERO(s->scratch, 1, struct models);
+  struct models *m = lod_coder_models(&s->coder, sizeof *m, s->scratch);
   uint32_t *starts = NULL, start_count = 0;
   if (m == NULL)
     return LOD_MEMORY;

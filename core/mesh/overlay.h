@@ -114,10 +114,11 @@ struct lod_morph {
   float (*start)[3];        /* positions on the coarse level */
   float (*end)[3];          /* on the finer one */
   uint32_t (*triangles)[3]; /* vertices */
-  uint32_t *fine_faces;     /* triangle_count: the finer triangle each is part of (material, patch) */
+  uint32_t *fine_faces;     /* triangle_count: the finer triangle each is part of (material, patch); LOD_NONE: of none (lod_overlay_part) */
   uint32_t *coarse_faces;   /* triangle_count: the coarse one, or LOD_NONE */
   float *start_values;      /* vertex_count * values: attributes on the coarse level, or NULL */
   float *end_values;        /* vertex_count * values: on the finer one, or NULL */
+  uint8_t *settled;         /* vertex_count: 1 = at its end already, whatever t; NULL but from lod_overlay_part */
 };
 
 /* Attributes to interpolate, `values` numbers a wedge (a vertex, for meshes without wedges); NULL: none of that level, 0 is written. */
@@ -134,6 +135,15 @@ LOD_WARN_UNUSED enum lod_status lod_overlay_fragments(const struct lod_overlay *
 LOD_WARN_UNUSED enum lod_status lod_overlay_vertices(const struct lod_overlay *overlay, const struct lod_mesh *coarse,
                                                      const struct lod_mesh *fine, const struct lod_morph_values *values,
                                                      struct lod_arena *arena, struct lod_morph *morph);
+
+/* Part of it: fragments on the coarse triangles that are mapped, all others as they are, for levels whose finer one has come in part only
+ * (codec/stream/units.h). There are no cracks: what lies on an edge or vertex of a coarse triangle that is not mapped stays on the coarse
+ * level at any t, and the coarse triangle beside it is cut at the same points.
+ * before: coarse triangle_count, or NULL: the states of the overlay drawn before this one; what was fragments then, and not held back by a
+ * neighbour, is at its end now (settled). */
+LOD_WARN_UNUSED enum lod_status lod_overlay_part(const struct lod_overlay *overlay, const struct lod_mesh *coarse,
+                                                 const struct lod_mesh *fine, const struct lod_morph_values *values, const uint8_t *before,
+                                                 struct lod_arena *arena, struct lod_morph *morph);
 
 /* Which vertex of `fine` each coarse vertex is, for levels that come without `parents`: the nearest one, when no other coarse vertex is
  * nearer to that. parents: room for coarse->vertex_count; LOD_NONE where there is none within `reach` (model units). */

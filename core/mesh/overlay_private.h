@@ -138,4 +138,16 @@ uint32_t overlay_sides_of(const struct overlay_work *w, const struct overlay_cel
 /* ---- overlay_embed.c: disks into triangles ---- */
 LOD_WARN_UNUSED enum lod_status overlay_embed(struct overlay_work *w, const struct overlay_cells *cells, struct lod_overlay *overlay);
 
+/* ---- overlay_part.c: what lies beside coarse triangles that are not mapped ---- */
+struct overlay_part {
+  struct lod_adjacency c;
+  uint8_t *held;    /* node: on an edge or vertex of a triangle that is not mapped */
+  uint8_t *settled; /* node: was drawn before, and was not held then */
+};
+LOD_WARN_UNUSED enum lod_status overlay_part_create(const struct lod_overlay *overlay, const struct lod_mesh *coarse, const uint8_t *before,
+                                                    struct lod_arena *arena, struct overlay_part *part);
+/* How many nodes of mapped triangles lie on coarse half-edge h; `index` counts from its start. */
+uint32_t overlay_part_count(const struct overlay_part *part, const struct lod_overlay *overlay, uint32_t h);
+uint32_t overlay_part_node(const struct overlay_part *part, const struct lod_overlay *overlay, uint32_t h, uint32_t index);
+
 #endif

@@ -14,6 +14,7 @@ static const char *const kTypes[] = {
     "image/webp",
     "image/ktx2",
     "application/vnd.lodestream.delta",
+    "application/vnd.lodestream.units",
     "application/vnd.lodestream.patches",
 };
 static const char kDeltaType[] = "application/vnd.lodestream.delta";

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "codec/export/glb.h"
-#include "codec/stream/delta.h"
+#include "codec/stream/units.h"
 
 /* ---- vertices by their place ---- */
 
@@ -313,9 +313,55 @@ static enum lod_status check_frame(const uint8_t *bytes, size_t size, const stru
   return LOD_OK;
 }
 
+/* Decodes all units of a stream and compares what they are together. */
+static enum lod_status check_units(const uint8_t *bytes, size_t size, const struct lod_mesh *base, const struct places *fine,
+                                   struct lod_arena *arena, struct lod_units *units, struct lod_problem *problem) {
+  struct lod_delta_level joined;
+  bool same;
+  LOD_TRY(lod_units_open(bytes, size, base, NULL, arena, units, problem));
+  const uint32_t count = units->header.patch_count;
+  struct lod_delta_level *levels = LOD_NEW_ZERO(arena, count, struct lod_delta_level);
+  const struct lod_delta_level **list = LOD_NEW_ZERO(arena, count, const struct lod_delta_level *);
+  if (levels == NULL || list == NULL)
+    return LOD_MEMORY;
+  for (uint32_t p = 0; p < count; p++) {
+    const struct lod_units_patch *patch = &units->patches[p];
+    if (patch->size == 0)
+      continue;
+    LOD_TRY(lod_units_decode(units, p, bytes + patch->offset, patch->size, NULL, arena, &levels[p], problem));
+    list[p] = &levels[p];
+  }
+  LOD_TRY(lod_units_join(units, list, arena, &joined, problem));
+  LOD_TRY(compare_meshes(&joined.mesh, fine, arena, &same));
+  if (!same || units->header.size != size)
+    return lod_fail(problem, LOD_BAD_INPUT, "delta-differs", "A delta's units are not the level that they were made of: this is a bug.");
+  return LOD_OK;
+}
+
+/* The step in units too, where there are several. */
+static enum lod_status write_units(const struct lod_deltas_request *request, const struct lod_delta_encode_request *frame,
+                                   const struct places *fine, struct lod_arena *arena, struct lod_baked_delta *delta,
+                                   struct lod_problem *problem) {
+  struct lod_units units;
+  uint8_t *bytes;
+  size_t size;
+  if (frame->base == NULL || frame->unit_count != 1)
+    return LOD_OK;
+  LOD_TRY(lod_units_encode(frame, LOD_UNITS_TRIANGLES, arena, &bytes, &size, problem));
+  if (size == 0)
+    return LOD_OK;
+  LOD_TRY(check_units(bytes, size, frame->base, fine, arena, &units, problem));
+  LOD_TRY(lod_output_object(request->directory_fd, bytes, size, delta->units.object, problem));
+  delta->units.size = size;
+  delta->units.count = units.header.patch_count;
+  delta->units.first = units.header.index_bytes + units.patches[units.header.primer_patch].size;
+  return LOD_OK;
+}
+
 /* coarse NULL: a first picture. Frames of all units, or *size 0 where there is no way from one to the other. */
 static enum lod_status encode_step(const struct lod_deltas_request *request, const struct side *coarse, const struct side *fine,
-                                   uint32_t to, struct lod_arena *arena, uint8_t **all, size_t *size, struct lod_problem *problem) {
+                                   uint32_t to, struct lod_arena *arena, uint8_t **all, size_t *size, struct lod_baked_delta *delta,
+                                   struct lod_problem *problem) {
   *size = 0;
   for (uint32_t u = 0; u < request->model->unit_count; u++) {
     struct lod_delta_encode_request frame = lod_delta_encode_defaults();
@@ -346,6 +392,7 @@ static enum lod_status encode_step(const struct lod_deltas_request *request, con
     LOD_TRY(status);
     LOD_TRY(check_frame(bytes, count, frame.base, &fine->places[u], arena, problem));
     LOD_TRY(append(all, size, bytes, count, arena));
+    LOD_TRY(write_units(request, &frame, &fine->places[u], arena, delta, problem));
   }
   return LOD_OK;
 }
@@ -355,7 +402,7 @@ static enum lod_status write_step(const struct lod_deltas_request *request, cons
   struct lod_arena *scratch = lod_arena_create_child(arena);
   uint8_t *bytes = NULL;
   size_t size = 0;
-  enum lod_status status = scratch == NULL ? LOD_MEMORY : encode_step(request, coarse, fine, to, scratch, &bytes, &size, problem);
+  enum lod_status status = scratch == NULL ? LOD_MEMORY : encode_step(request, coarse, fine, to, scratch, &bytes, &size, delta, problem);
   if (status == LOD_OK && size != 0)
     status = lod_output_object(request->directory_fd, bytes, size, delta->object, problem);
   delta->size = status == LOD_OK ? size : 0;

@@ -17,6 +17,12 @@ struct lod_part_figures {
 struct lod_baked_delta {
   size_t size;
   char object[LOD_HASH_HEX + 1];
+  /* The same step in patches that can be decoded one by one (codec/stream/units.h), where it is large enough; size 0 = it is not. */
+  struct {
+    size_t size, first; /* bytes of all; of the index and the frame behind it */
+    uint32_t count;
+    char object[LOD_HASH_HEX + 1];
+  } units;
 };
 
 struct lod_baked_level {

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "codec/export/interop.h"
-#include "codec/stream/delta.h"
+#include "codec/stream/units.h"
 
 /* Half a unit of the ninth digit is up to 5e-9 of a number that begins with 1. */
 double lod_manifest_raise(double upper) {
@@ -73,10 +73,16 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index, c
     json_object_set_new(patches, "error", upper_bound(level->patches.error));
     json_object_set_new(json, "patches", patches);
   }
-  if (level->delta.size != 0)
-    json_object_set_new(
-        json, "delta",
-        json_pack("{sI sI ss}", "to", (json_int_t)index + 1, "bytes", (json_int_t)level->delta.size, "object", level->delta.object));
+  if (level->delta.size != 0) {
+    json_t *delta =
+        json_pack("{sI sI ss}", "to", (json_int_t)index + 1, "bytes", (json_int_t)level->delta.size, "object", level->delta.object);
+    if (level->delta.units.size != 0)
+      json_object_set_new(delta, "units",
+                          json_pack("{sI sI sI ss ss}", "units", (json_int_t)level->delta.units.count, "first",
+                                    (json_int_t)level->delta.units.first, "bytes", (json_int_t)level->delta.units.size, "object",
+                                    level->delta.units.object, "type", LOD_UNITS_TYPE));
+    json_object_set_new(json, "delta", delta);
+  }
   if (level->first.size != 0)
     json_object_set_new(
         json, "first",

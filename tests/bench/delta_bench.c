@@ -1,13 +1,14 @@
 /* Deltas beside Draco: bits by part, all levels of a nested hierarchy against the finest one alone and against separate levels, the first
  * picture, bytes until an error is met, speed (CPU time) and memory. Draco is at speed 0 on the same grids.
  *
- *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan] [-b BITS] [-r RATIO] [-f SHARE] [-v] [-e] [PLY...]"
+ *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan] [-b BITS] [-r RATIO] [-f SHARE] [-v] [-e] [-u TRIANGLES] [PLY...]"
  *
  * retile (default): the finest level is re-tiled with SHARE (0.25) of the source's vertices; collapse: the finest is simplified to SHARE of
  * the source's triangles by meshopt_simplify, whose vertices are the source's, and so are all others; scan: the same with the source itself
  * as finest level. Each level has 1 / RATIO (4) of the vertices of the next. The finest is quantised with BITS (12) along the longest side,
  * coarser ones as much more coarsely as they have fewer vertices, up to 16 times. -v: a line a level. -e: bytes until certified errors are
- * met, ours beside the best of Draco of meshopt_simplify bisected to that error, which takes minutes a model. */
+ * met, ours beside the best of Draco of meshopt_simplify bisected to that error, which takes minutes a model. -u: steps in units too, of at
+ * most TRIANGLES of the coarser level each; bytes of all of them over the whole step's, for steps that have at least two. */
 #include <dirent.h>
 #include <math.h>
 #include <meshoptimizer.h>
@@ -18,6 +19,7 @@
 
 #include "codec/export/draco.h"
 #include "codec/stream/delta.h"
+#include "codec/stream/units.h"
 #include "core/mesh/distance.h"
 #include "core/retile/retile.h"
 #include "tests/data/nested.h"
@@ -30,6 +32,7 @@ struct options {
   const char *mode;
   double bits, ratio, share;
   bool verbose, errors;
+  uint32_t units; /* 0: none */
 };
 
 struct chain {
@@ -42,6 +45,7 @@ struct totals {
   double models, logs, ours, draco, separate, first;
   double vertices, triangles, encode_seconds, decode_seconds, finest_vertices;
   struct lod_delta_statistics bits;
+  double united, in_units, patches; /* bytes of whole steps that units were made of, of these, how many */
 };
 
 static double now(void) {
@@ -205,6 +209,54 @@ static struct coded code(const struct chain *chain, const struct lod_rounded *le
   return result;
 }
 
+/* The step in units, decoded and joined. */
+static void in_units(const struct chain *chain, const struct lod_rounded *levels, uint32_t k, const struct options *o, size_t whole,
+                     struct totals *t) {
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_delta_encode_request request = lod_delta_encode_defaults();
+  struct lod_problem problem = {0};
+  struct lod_units units;
+  struct lod_delta_level joined;
+  uint8_t *bytes;
+  size_t size;
+  request.base = &levels[k - 1].mesh;
+  request.fine = &levels[k].mesh;
+  request.grid = levels[k].grid;
+  request.from = k - 1;
+  request.to = k;
+  struct lod_delta_statistics bits = {0};
+  request.statistics = &bits;
+  request.kept = lod_round_kept(&levels[k - 1], &levels[k], chain->parents[k - 1], chain->meshes[k - 1].vertex_count, arena);
+  if (lod_units_encode(&request, o->units, arena, &bytes, &size, &problem) != LOD_OK)
+    must(false, problem.detail);
+  if (size != 0) {
+    if (lod_units_open(bytes, size, request.base, NULL, arena, &units, &problem) != LOD_OK)
+      must(false, problem.detail);
+    struct lod_delta_level *decoded = LOD_NEW_ZERO(arena, units.header.patch_count, struct lod_delta_level);
+    const struct lod_delta_level **all = LOD_NEW_ZERO(arena, units.header.patch_count, const struct lod_delta_level *);
+    for (uint32_t p = 0; p < units.header.patch_count; p++) {
+      if (units.patches[p].size == 0)
+        continue;
+      if (lod_units_decode(&units, p, bytes + units.patches[p].offset, units.patches[p].size, NULL, arena, &decoded[p], &problem) != LOD_OK)
+        must(false, problem.detail);
+      all[p] = &decoded[p];
+    }
+    if (lod_units_join(&units, all, arena, &joined, &problem) != LOD_OK)
+      must(false, problem.detail);
+    t->united += (double)whole;
+    t->in_units += (double)size;
+    t->patches += units.header.patch_count;
+    if (o->verbose)
+      printf(
+          "   %7u v in %u units: connectivity %5.2f match %5.2f kept %5.2f positions %6.2f header %4.2f bits a vertex | %zu B, %.3f of the "
+          "whole step's\n",
+          levels[k].mesh.vertex_count, units.header.patch_count, bits.connectivity / levels[k].mesh.vertex_count,
+          bits.match / levels[k].mesh.vertex_count, bits.kept / levels[k].mesh.vertex_count, bits.geometry / levels[k].mesh.vertex_count,
+          bits.header / levels[k].mesh.vertex_count, size, (double)size / (double)whole);
+  }
+  lod_arena_destroy(arena);
+}
+
 /* ---- errors ---- */
 
 static double certified(const struct lod_mesh *level, const struct lod_mesh *source) {
@@ -325,6 +377,8 @@ static void bench(const char *path, const struct options *o, struct totals *t) {
     if (o->verbose)
       print_level(&levels[k], &c, &d);
     add(t, &levels[k], &c);
+    if (o->units != 0 && k > 0)
+      in_units(&chain, levels, k, o, c.size, t);
     total += sizes[k] = c.size;
     separate += d.size;
     finest = d.size;
@@ -374,6 +428,8 @@ static void print_totals(const struct totals *t) {
          t->models, t->ours / t->draco, exp(t->logs / t->models), t->ours / t->separate, 100 * t->first / t->ours,
          t->bits.connectivity / t->finest_vertices, t->bits.match / t->finest_vertices, t->bits.kept / t->finest_vertices,
          t->bits.geometry / t->finest_vertices, 1e-3 * t->triangles / t->encode_seconds, 1e-3 * t->vertices / t->decode_seconds);
+  if (t->united > 0)
+    printf("steps in units: %.0f patches, %.3f of the whole steps' bytes\n", t->patches, t->in_units / t->united);
 }
 
 int main(int argc, char **argv) {
@@ -388,6 +444,8 @@ int main(int argc, char **argv) {
       o.errors = true;
     else if (strcmp(argv[i], "-m") == 0)
       o.mode = value, i++;
+    else if (strcmp(argv[i], "-u") == 0)
+      o.units = (uint32_t)atoi(value), i++;
     else if (strcmp(argv[i], "-b") == 0)
       o.bits = atof(value), i++;
     else if (strcmp(argv[i], "-r") == 0)
