@@ -77,7 +77,7 @@ test('a manifest tells of its deltas', () => {
     families: { retile: { nested: true, levels: [level(0, { to: 1, bytes: 5, object: 'd' }), level(1)] } },
   });
   const { levels } = manifest.families.get('retile');
-  assert.deepEqual(levels.map((l) => l.delta), [{ to: 1, bytes: 5, object: 'd' }, null]);
+  assert.deepEqual(levels.map((l) => l.delta), [{ to: 1, bytes: 5, object: 'd', units: null }, null]);
   assert.equal(manifest.units, 1);
 });
 

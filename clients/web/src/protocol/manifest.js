@@ -6,8 +6,8 @@ import { ProtocolError } from './problem.js';
  * @param {unknown} json what GET /v1/models/{id} answered
  * @returns {{id, revision, source, sphere: {center: number[], radius: number}, bounds, diagonal: number,
  *   units: number of geometries that are simplified by themselves; families: Map<string, {name, nested, levels: Level[]}>, warnings: string[], seconds: number|null}}
- *   Level: {family, level, vertices, triangles, edges, points, error, cell, bytes, object, type, delta: {to, bytes, object}|null}; level 0 is the
- *   coarsest; delta: the step to a finer level
+ *   Level: {family, level, vertices, triangles, edges, points, error, cell, bytes, object, type, delta: {to, bytes, object, units: {units, first, bytes, object}|null}|null}; level 0 is the
+ *   coarsest; delta: the step to a finer level, units: the same in parts
  */
 export function parseManifest(json) {
   const manifest = object(json, 'manifest');
@@ -87,7 +87,18 @@ function parseLevel(family, level, index) {
 }
 
 function parseDelta(delta, path) {
-  return { to: number(delta.to, `${path}.to`), bytes: number(delta.bytes, `${path}.bytes`), object: text(delta.object, `${path}.object`) };
+  const { units } = delta;
+  return {
+    to: number(delta.to, `${path}.to`),
+    bytes: number(delta.bytes, `${path}.bytes`),
+    object: text(delta.object, `${path}.object`),
+    units: !units ? null : {
+      units: number(units.units, `${path}.units.units`),
+      first: number(units.first, `${path}.units.first`),
+      bytes: number(units.bytes, `${path}.units.bytes`),
+      object: text(units.object, `${path}.units.object`),
+    },
+  };
 }
 
 function malformed(path, expected) {

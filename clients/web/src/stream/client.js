@@ -89,19 +89,26 @@ export class Client {
    * fewest bytes that keeps this error.
    * onBytes(n): called with the size of every piece as it arrives.
    */
-  async level(id, level, { signal, onBytes } = {}) {
+  async level(id, level, { signal, onBytes, hold } = {}) {
     const url = this.urls.level(id, { family: level.family, error: level.error });
-    const { bytes, response } = await download((init) => this.request(url, init), { signal, onBytes, expected: level.bytes });
+    const { bytes, response } = await download((init) => this.request(url, init), { signal, onBytes, hold, expected: level.bytes });
     return { bytes, facts: parseLevelHeaders(response.headers), url: response.url };
   }
 
   /**
    * The frames of the steps between two levels of a family. A lost connection is taken up where it broke.
-   * onGrown(bytes, size): what there is so far, to use frames as they arrive; onRestart: what came so far is worth nothing.
+   * onGrown(bytes, size): what there is so far, to use frames as they arrive; onRestart: what came so far is worth nothing; hold: see download.
    */
-  async delta(id, steps, { signal, onBytes, onGrown, onRestart, expected } = {}) {
+  async delta(id, steps, { signal, onBytes, onGrown, onRestart, expected, hold } = {}) {
     const url = this.urls.delta(id, steps);
-    const { bytes } = await download((init) => this.request(url, init), { signal, onBytes, onGrown, onRestart, expected, what: 'a delta' });
+    const { bytes } = await download((init) => this.request(url, init), { signal, onBytes, onGrown, onRestart, expected, hold, what: 'a delta' });
+    return bytes;
+  }
+
+  /** Bytes `from` to `to` - 1 of an object, which never changes: caches may keep any part of it. */
+  async part(object, from, to, { signal, onBytes, hold } = {}) {
+    const url = this.urls.object(object);
+    const { bytes } = await download((init) => this.request(url, init), { signal, onBytes, expected: to - from, range: [from, to], hold, what: 'a part of a delta' });
     return bytes;
   }
 }

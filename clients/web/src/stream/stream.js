@@ -150,6 +150,12 @@ export class LevelStream {
     if (level === this.wanted || nearer) this.show(level);
   }
 
+  /** A level that came on the way to another one, whole; as if it had been asked for. */
+  offer(level, loaded) {
+    if (this.cache.has(keyOf(level))) this.options.dispose?.(loaded.value);
+    else this.arrived(level, loaded);
+  }
+
   failed(level, error) {
     if (this.closed || error?.name === 'AbortError') return;
     const key = keyOf(level);

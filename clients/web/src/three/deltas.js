@@ -7,6 +7,7 @@ import { BufferAttribute, BufferGeometry, Group, Mesh } from 'three';
 import { ProtocolError } from '../protocol/problem.js';
 import { chooseRoute } from '../stream/morph.js';
 import { LevelObject } from './level.js';
+import { UnitsLoad } from './units.js';
 
 /** A level that is on its way is waited for when the steps from it save at least this part of the bytes. */
 const WORTH_WAITING = 0.25;
@@ -14,14 +15,18 @@ const WORTH_WAITING = 0.25;
 export class DeltaLoader {
   /**
    * @param {{client, id: string, core: () => import('../wasm/pool.js').CorePool, normals, levels: (family: string) => object[],
-   *          onBytes?: (n: number) => void, onStep?: (level, loaded) => void}} options
-   *   levels: a family's, by which routes are chosen; onStep: a level on the way has come whole
+   *          onBytes?: (n: number) => void, onStep?: (level, value: {object, facts}, bytes: number) => void, hold?: () => Promise<void>|null,
+   *          units?: {wanted: () => boolean, look: () => object|null, onPart: (part) => Promise<boolean>}}} options
+   *   levels: a family's, by which routes are chosen; onStep: a level on the way has come whole and may be drawn; hold: see download; units: last
+   *   steps that have units come by these while `wanted` (units.js)
    */
   constructor(options) {
     this.options = options;
     /** Levels at hand, by object: {level, object: LevelObject, id: Promise<number>|null} */
     this.bases = new Map();
     this.refused = new Set();
+    /** Levels that came in units -> {after, shape}: what leads to them from the last part drawn. */
+    this.finals = new WeakMap();
     /** Levels on their way, whole: level -> promise. */
     this.expected = new Map();
   }
@@ -59,6 +64,7 @@ export class DeltaLoader {
   forget(object) {
     const base = this.bases.get(object);
     this.bases.delete(object);
+    this.finals.get(object)?.shape.dispose();
     base?.id?.then((id) => this.options.core().free(id)).catch(() => {});
   }
 
@@ -77,38 +83,70 @@ export class DeltaLoader {
 
   /** @returns {Promise<{object: LevelObject, bytes: number}|null>} null: these deltas cannot be used here, now or later */
   async load(level, route, signal) {
-    const { client, id, core, onBytes } = this.options;
-    const pool = core();
-    const base = route.base;
-    let at = 0;
-    let last = null;
-    let queue = Promise.resolve();
-    const steps = route.steps.map((step) => this.options.levels(level.family).find((l) => l.level === step.delta.to));
-    const frames = async (bytes, size) => {
-      for (;;) {
-        const length = await pool.frameSize(bytes.slice(at, Math.min(size, at + 160)));
-        if (length === 0 || at + length > size) return;
-        const frame = bytes.slice(at, at + length);
-        at += length;
-        last = await this.step(pool, frame, last ?? (await this.own(base)), steps.shift(), last === null ? base : null, signal);
-      }
-    };
+    const levels = this.options.levels(level.family);
+    const before = route.steps.at(-1);
+    const inUnits = Boolean(before.delta.units && this.options.units?.wanted());
     try {
-      const bytes = await client.delta(id, { family: level.family, from: base.level.level, to: level.level }, {
-        signal, onBytes, expected: route.bytes, onGrown: (buffer, size) => (queue = queue.then(() => frames(buffer, size))), onRestart: () => {
-          at = 0;
-          last = null;
-        },
-      });
-      await queue;
-      await frames(bytes, bytes.length);
-      if (last?.level !== level) throw new ProtocolError('The steps end before the level.', { kind: 'malformed' });
-      return { object: await this.object(last, base.object), bytes: bytes.length };
+      let { base } = route;
+      let bytes = 0;
+      if (!inUnits || base.level !== before) {
+        const whole = await this.loadSteps(inUnits ? before : level, route, levels, signal);
+        bytes = whole.bytes;
+        base = this.bases.get(whole.object);
+        if (!inUnits) return whole;
+      }
+      const units = await this.loadUnits(level, base, before.delta.units, signal);
+      return { object: units.object, bytes: bytes + units.bytes };
     } catch (error) {
       if (signal.aborted || error.kind === 'unreachable' || error.kind === 'problem') throw error;
       this.refused.add(level.family); // what does not decode once never does: levels come whole from now on
       return null;
     }
+  }
+
+  /** By one response with all steps to `level`; levels on the way are told of as they come. */
+  async loadSteps(level, { base, steps, bytes: expected }, levels, signal) {
+    const { client, id, core, onBytes, hold } = this.options;
+    const pool = core();
+    const lasts = [];
+    let at = 0;
+    let queue = Promise.resolve();
+    const frames = async (bytes, size) => {
+      while (lasts.at(-1)?.level !== level) {
+        const length = await pool.frameSize(bytes.slice(at, Math.min(size, at + 160)));
+        if (length === 0 || at + length > size) return;
+        const frame = bytes.slice(at, at + length);
+        at += length;
+        const from = lasts.at(-1) ?? (await this.own(base));
+        const next = levels.find((l) => l.level === steps[lasts.length].delta.to);
+        signal.throwIfAborted();
+        const decoded = await pool.decode(frame, from.id);
+        const object = await this.object({ id: decoded.id, arrays: decoded.arrays, level: next }, base.object);
+        lasts.push({ id: decoded.id, level: next, object });
+        if (next !== level) this.options.onStep?.(next, { object, facts: null }, object.bytes + length);
+      }
+    };
+    const bytes = await client.delta(id, { family: level.family, from: base.level.level, to: level.level }, {
+      signal, onBytes, expected, hold, onGrown: (buffer, size) => (queue = queue.then(() => frames(buffer, size))), onRestart: () => {
+        at = 0;
+        lasts.length = 0;
+      },
+    });
+    await queue;
+    await frames(bytes, bytes.length);
+    const last = lasts.at(-1);
+    if (last?.level !== level) throw new ProtocolError('The steps end before the level.', { kind: 'malformed' });
+    return { object: last.object, bytes: bytes.length };
+  }
+
+  async loadUnits(level, base, units, signal) {
+    const { client, core, normals, onBytes, hold } = this.options;
+    await this.own(base);
+    const load = new UnitsLoad({ client, core, normals, onBytes, hold, look: this.options.units.look, onPart: this.options.units.onPart });
+    const { object, id, bytes, morph } = await load.run(base, units, signal);
+    this.bases.set(object, { level, object, id: Promise.resolve(id) });
+    if (morph) this.finals.set(object, morph);
+    return { object, bytes };
   }
 
   /** The number of the base in the worker. */
@@ -118,13 +156,6 @@ export class DeltaLoader {
       return this.options.core().level(positions, index);
     })();
     return base.id.then((id) => ({ id, level: base.level }));
-  }
-
-  async step(pool, frame, from, level, first, signal) {
-    signal.throwIfAborted();
-    const decoded = await pool.decode(frame, from.id);
-    if (first === null) pool.free(from.id);
-    return { id: decoded.id, arrays: decoded.arrays, level };
   }
 
   /** The decoded level as what is drawn; it becomes a base itself. */

@@ -15,9 +15,11 @@ export class LevelLoader {
    * @param {import('../stream/client.js').Client} client
    * @param {string} id of the model
    * @param {{dracoPath: string, draco?: DRACOLoader, normalsWorker?: URL, onBytes?: (n: number) => void, onFacts?: (level, facts) => void,
-   *          onTextureError?: (error: Error) => void, core?: () => import('../wasm/pool.js').CorePool, levels?: (family: string) => object[]}} options
+   *          onTextureError?: (error: Error) => void, core?: () => import('../wasm/pool.js').CorePool, levels?: (family: string) => object[],
+   *          onStep?, hold?, units?}} options
    *   dracoPath: URL of the folder with three's decoder files; draco: a decoder shared between models; normalsWorker: URL of the bundled
-   *   normals-worker.js; core, levels: with both, levels come by deltas where these are fewer bytes (deltas.js)
+   *   normals-worker.js; core, levels: with both, levels come by deltas where these are fewer bytes (deltas.js, which also says what onStep, hold and
+   *   units are)
    */
   constructor(client, id, options) {
     this.client = client;
@@ -49,7 +51,7 @@ export class LevelLoader {
   }
 
   async loadWhole(level, signal) {
-    const { bytes, facts, url } = await this.client.level(this.id, level, { signal, onBytes: this.options.onBytes });
+    const { bytes, facts, url } = await this.client.level(this.id, level, { signal, onBytes: this.options.onBytes, hold: this.options.hold });
     this.options.onFacts?.(level, facts);
     // Texture URIs are relative to where the GLB was served.
     const folder = new URL('.', url).href;

@@ -9,6 +9,7 @@ import { addFade } from './fade.js';
 
 /** Of the coarser level's triangles, at most this part may be without a map; more, and the step would jump there. */
 const UNMAPPED_MAX = 0.02;
+const NO_FACE = 0xffffffff;
 /** Above this, preparing takes longer than a person waits. */
 const TRIANGLES_MAX = 600000;
 
@@ -68,6 +69,19 @@ const LAYOUT = [
 /** Bars and balls have no surface to map. */
 export function morphable(object) {
   return object.bars === 0 && object.triangles > 0 && object.triangles <= TRIANGLES_MAX;
+}
+
+/** A level as arrays, with what stands beside another level's: `beside` gives the attributes both have and their interleaved values. */
+export function describeLevel(object) {
+  const own = gather(object);
+  return {
+    ...own,
+    beside(coarse) {
+      const layout = LAYOUT.filter(({ name }) => coarse.arrays[name] && own.arrays[name]);
+      const values = layout.reduce((sum, { size }) => sum + size, 0);
+      return { layout, values, from: interleave(coarse, layout, values), end: interleave(own, layout, values) };
+    },
+  };
 }
 
 /** All triangles of a level in the space of its root: arrays by attribute (those that every mesh has), index, a material number a triangle. */
@@ -136,7 +150,8 @@ function interleave({ arrays }, layout, values) {
 
 /** Drawn in place of a level while t is between its ends; the same interface as LevelObject's. */
 export class MorphObject {
-  constructor(drawn, layout, values, fine) {
+  /** coarse: where some triangles are the coarser level's own (drawn.coarseFaces), it; describeLevel's or the like */
+  constructor(drawn, layout, values, fine, coarse = null) {
     this.root = new Group();
     this.t = { value: 0 };
     this.fade = { value: 1 };
@@ -146,14 +161,17 @@ export class MorphObject {
     this.geometry = new BufferGeometry();
     this.geometry.setAttribute('position', new BufferAttribute(drawn.end, 3));
     this.geometry.setAttribute('lodStart', new BufferAttribute(drawn.start, 3));
+    this.settles = drawn.settled !== undefined;
+    if (this.settles) this.geometry.setAttribute('lodSettled', new BufferAttribute(Float32Array.from(drawn.settled), 1));
     let offset = 0;
     for (const { name, size, start } of layout) {
       this.geometry.setAttribute(name, new BufferAttribute(pick(drawn.endValues, values, offset, size), size));
       this.geometry.setAttribute(start, new BufferAttribute(pick(drawn.startValues, values, offset, size), size));
       offset += size;
     }
-    this.materials = [...fine.used.values()].map((material) => this.material(material, layout));
-    this.sortByMaterial(drawn, fine);
+    const used = new Map([...(coarse?.used ?? []), ...fine.used]);
+    this.materials = [...used.values()].map((material) => this.material(material, layout));
+    this.sortByMaterial(drawn, [...used.keys()], fine, coarse);
     this.mesh = new Mesh(this.geometry, this.materials);
     this.mesh.frustumCulled = false; // the bounding sphere is the finer level's alone
     this.root.add(this.mesh);
@@ -162,20 +180,20 @@ export class MorphObject {
 
   material(like, layout) {
     const own = like.clone();
-    addMorph(own, this.t, layout);
+    addMorph(own, this.t, layout, this.settles);
     addFade(own, this.fade);
     return own;
   }
 
   /** Fragments of one material are drawn together. */
-  sortByMaterial(drawn, fine) {
-    const numbers = [...fine.used.keys()];
+  sortByMaterial(drawn, numbers, fine, coarse) {
+    const materialOf = (i) => (drawn.faces[i] === NO_FACE ? coarse.materials[drawn.coarseFaces[i]] : fine.materials[drawn.faces[i]]);
     const index = new Uint32Array(drawn.triangles.length);
     let at = 0;
     numbers.forEach((number, group) => {
       const begin = at;
       for (let i = 0; i < drawn.faces.length; i++) {
-        if (fine.materials[drawn.faces[i]] !== number) continue;
+        if (materialOf(i) !== number) continue;
         index.set(drawn.triangles.subarray(3 * i, 3 * i + 3), at);
         at += 3;
       }
@@ -202,28 +220,29 @@ function pick(from, values, offset, size) {
 }
 
 /** Makes a built-in material draw between two shapes; t: a uniform {value}. */
-function addMorph(material, t, layout) {
+function addMorph(material, t, layout, settles) {
   const has = (name) => layout.some((l) => l.name === name);
   material.onBeforeCompile = (shader) => {
     shader.uniforms.lodT = t;
     let text = shader.vertexShader;
     let head = 'uniform float lodT;\nattribute vec3 lodStart;\n';
-    text = text.replace('#include <begin_vertex>', 'vec3 transformed = mix(lodStart, position, lodT);');
+    head += settles ? 'attribute float lodSettled;\n#define lodAt max( lodT, lodSettled )\n' : '#define lodAt lodT\n';
+    text = text.replace('#include <begin_vertex>', 'vec3 transformed = mix(lodStart, position, lodAt);');
     if (has('normal')) {
       head += 'attribute vec3 lodStartNormal;\n';
-      text = text.replace('#include <beginnormal_vertex>', ShaderChunk.beginnormal_vertex.replace('vec3( normal )', 'mix(lodStartNormal, normal, lodT)'));
+      text = text.replace('#include <beginnormal_vertex>', ShaderChunk.beginnormal_vertex.replace('vec3( normal )', 'mix(lodStartNormal, normal, lodAt)'));
       // Normals of a level are linear on its triangles; a normal of length one at every fragment's corner would not be.
       text = text.replace('#include <normal_vertex>', ShaderChunk.normal_vertex.replace('normalize( transformedNormal )', 'transformedNormal'));
     }
     if (has('uv')) {
       head += 'attribute vec2 lodStartUv;\n';
-      text = text.replace('#include <uv_vertex>', ShaderChunk.uv_vertex.replace(/vec3\( \w+_UV, 1 \)/g, 'vec3( mix(lodStartUv, uv, lodT), 1 )'));
+      text = text.replace('#include <uv_vertex>', ShaderChunk.uv_vertex.replace(/vec3\( \w+_UV, 1 \)/g, 'vec3( mix(lodStartUv, uv, lodAt), 1 )'));
     }
     if (has('color')) {
       head += '#if defined( USE_COLOR ) || defined( USE_COLOR_ALPHA )\nattribute vec4 lodStartColor;\n#endif\n';
-      text = text.replace('#include <color_vertex>', '#include <color_vertex>\n#if defined( USE_COLOR ) || defined( USE_COLOR_ALPHA )\nvColor.rgb = mix(lodStartColor.rgb, color.rgb, lodT);\n#endif');
+      text = text.replace('#include <color_vertex>', '#include <color_vertex>\n#if defined( USE_COLOR ) || defined( USE_COLOR_ALPHA )\nvColor.rgb = mix(lodStartColor.rgb, color.rgb, lodAt);\n#endif');
     }
     shader.vertexShader = head + text;
   };
-  material.customProgramCacheKey = () => `lod-morph ${layout.map((l) => l.name).join(' ')}`;
+  material.customProgramCacheKey = () => `lod-morph ${settles} ${layout.map((l) => l.name).join(' ')}`;
 }

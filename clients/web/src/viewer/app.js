@@ -38,8 +38,11 @@ class App {
       onFrame: (facts) => this.onFrame(facts),
       onShown: () => this.report(),
       reducedMotion: () => reduced.matches,
-      morph: (before, next) => ($('morph').checked && !reduced.matches ? (this.session?.morph(before, next) ?? null) : null),
+      morph: (before, next) => (this.morphs ? (this.session?.morph(before, next, $('shapes').value === 'exact') ?? null) : null),
+      // A morph that follows the error on screen begins at half the limit, where the finer level is asked for.
+      drive: () => (this.followsError ? { limit: this.limit } : null),
     });
+    this.reduced = reduced;
     reduced.addEventListener('change', () => (this.view.controls.enableDamping = !reduced.matches));
     this.list = new ModelList({
       list: $('models'),
@@ -152,8 +155,14 @@ class App {
       onDispose: (value) => this.view.forget(value.object),
       onBytes: () => this.report(),
       onError: (error, level) => this.onLevelError(error, level),
+      units: {
+        wanted: () => $('units').checked,
+        look: () => this.view.look(),
+        onPart: (part) => this.view.showPart(part, this.morphs),
+      },
       onTextureError: (error) => this.messages.show(`A picture of ${manifest.id} is missing: ${error.message}`, { error: true, key: 'texture' }),
     });
+    if (this.paused) this.session.pause();
     this.fillFamilies(manifest);
     this.applyFamily();
     this.showWarnings(manifest.warnings);
@@ -232,12 +241,33 @@ class App {
     const drawn = this.view.shown?.triangles ?? 0;
     const rate = Number($('rate').value);
     if (frameSeconds !== null && frameSeconds < 1) this.measureRate(frameSeconds, drawn, rate, seconds);
-    const tolerance = { rule: this.state.rule, limit: this.limit * factor, maxTriangles: this.trianglesWithin(view, moving, rate) };
+    const tolerance = { rule: this.state.rule, limit: this.limit * factor * (this.followsError ? 0.5 : 1), maxTriangles: this.trianglesWithin(view, moving, rate) };
     session.stream.update(tolerance, view, factor > 1);
     this.lastView = view;
     this.report();
     if (!moving) this.idle();
     return moving;
+  }
+
+  get morphs() {
+    return $('morph').checked && !this.reduced.matches;
+  }
+
+  get followsError() {
+    return this.morphs && $('drive').value === 'error' && this.state.rule === 'error';
+  }
+
+  /** Nothing moves on by itself: no byte is read and no morph grows until it is taken up again. */
+  setPaused(on) {
+    this.paused = on;
+    $('pause').setAttribute('aria-pressed', String(on));
+    $('pause').textContent = on ? 'Resume' : 'Pause';
+    if (on) this.session?.pause();
+    else this.session?.resume();
+    if (on) this.view.driver.pause();
+    else this.view.driver.resume();
+    this.view.invalidate();
+    this.report();
   }
 
   get limit() {
@@ -284,7 +314,7 @@ class App {
     const session = this.session;
     if (!session) return;
     const level = session.shown;
-    const settled = session.stream.settled && !this.view.fading && !this.view.waiting;
+    const settled = session.stream.settled && (!this.view.fading || this.view.resting) && !this.view.waiting;
     this.setBusy(!settled);
     $('activity').hidden = !session.stream.busy;
     set('hud-bytes', formatBytes(session.loadedBytes), session.loadedBytes);
@@ -296,7 +326,7 @@ class App {
     set('hud-bars', bars(level), level.edges);
     set('hud-level-bytes', `level: ${formatBytes(level.bytes)}`, level.bytes);
     const own = session.manifest.families.get(level.family).levels;
-    set('hud-level', `${level.level} of ${own.length - 1}`, level.level);
+    set('hud-level', `${level.level} of ${own.length - 1}${this.view.shown?.transient ? ', finer in part' : ''}`, level.level);
     set('hud-family', session.stream.pinned ? `${level.family}, held` : level.family, level.family);
     $('unpin').hidden = session.stream.pinned === null;
     const limit = this.state.rule === 'cell' ? null : errorUnits(this.state.px, this.lastView);
@@ -345,6 +375,8 @@ class App {
         this.view.invalidate();
       };
     }
+    for (const id of ['morph', 'drive', 'shapes', 'units']) $(id).onchange = () => this.view.invalidate();
+    $('pause').onclick = () => this.setPaused(!this.paused);
     $('unpin').onclick = () => this.pin(null);
     $('token').value = sessionStorage.getItem(TOKEN_KEY) ?? '';
     $('token').onchange = () => sessionStorage.setItem(TOKEN_KEY, $('token').value);
@@ -469,6 +501,7 @@ class App {
       f: () => this.view.frame(),
       r: () => $('spin').click(),
       w: () => $('wire').click(),
+      p: () => $('pause').click(),
       '[': () => this.nudgeTolerance(-1),
       ']': () => this.nudgeTolerance(1),
     };

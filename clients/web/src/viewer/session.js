@@ -7,7 +7,8 @@ import { LevelLoader, Morpher } from '../three/index.js';
 export class ModelSession {
   /**
    * @param {{client, id, manifest, assets: {draco, normalsWorker, core: () => CorePool}, onShow: (level, value) => void, onDispose: (value) => void,
-   *          onBytes: () => void, onError: (error, level) => void, onTextureError: (error) => void}} options
+   *          onBytes: () => void, onError: (error, level) => void, onTextureError: (error) => void,
+   *          units: {wanted: () => boolean, look: () => object, onPart: (part) => Promise<boolean>}}} options
    */
   constructor(options) {
     const { client, id, manifest } = options;
@@ -26,7 +27,15 @@ export class ModelSession {
       levels: manifest.units === 1 ? (family) => manifest.families.get(family).levels : undefined,
       onBytes: count,
       onTextureError: options.onTextureError,
+      onStep: (level, value, bytes) => {
+        value.object.lod = level;
+        this.stream.offer(level, { value, bytes });
+      },
+      hold: () => this.held?.promise ?? null,
+      units: options.units,
     });
+    /** While paused: {promise, release}. */
+    this.held = null;
     this.core = options.assets.core;
     this.morpher = null;
     /** What was drawn after how many bytes: the certified error against what it cost. */
@@ -56,12 +65,28 @@ export class ModelSession {
     return loaded;
   }
 
+  /** Nothing more is read from the network, and what was asked for goes on where it stands when it is over. */
+  pause() {
+    if (this.held) return;
+    const held = { promise: null, release: null };
+    held.promise = new Promise((resolve) => (held.release = resolve));
+    this.held = held;
+  }
+
+  resume() {
+    this.held?.release();
+    this.held = null;
+  }
+
   /**
    * What leads from one drawn level to another without a jump; null where there is no such thing: levels of different families, or of one whose
    * levels do not contain one another.
    * @returns {Promise<{object: import('../three/morph.js').MorphObject, refines: boolean}|null>|null}
    */
-  morph(before, next) {
+  morph(before, next, exact = true) {
+    const final = this.loader.deltas?.finals.get(next);
+    if (final && final.after === before) return Promise.resolve({ object: final.shape, refines: true });
+    if (before.transient) return null; // of a level that is no longer on its way
     const a = before.lod;
     const b = next.lod;
     if (!a || !b || a.family !== b.family || a.level === b.level || !this.manifest.families.get(a.family)?.nested) return null;
@@ -69,7 +94,7 @@ export class ModelSession {
     this.morpher ??= new Morpher(this.core());
     const [coarse, fine] = refines ? [before, next] : [next, before];
     // Decoded positions are off by less than the certified errors, which count quantisation.
-    return this.morpher.morph(coarse, fine, { reach: a.error + b.error }).then((object) => object && { object, refines });
+    return this.morpher.morph(coarse, fine, { reach: a.error + b.error, exact }).then((object) => object && { object, refines });
   }
 
   /** A name that the model does not have falls back to all of them. */
@@ -89,6 +114,7 @@ export class ModelSession {
   }
 
   close() {
+    this.resume();
     this.stream.close();
     this.loader.close();
   }

@@ -6,7 +6,7 @@ import {
   DirectionalLight, Group, NeutralToneMapping, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
-import { MorphDriver } from '../stream/morph.js';
+import { MorphDriver, screenTarget } from '../stream/morph.js';
 import { studioEnvironment } from '../three/studio.js';
 
 const FOV = 45;
@@ -25,7 +25,8 @@ export class View {
    *          onShown?: () => void, reducedMotion: () => boolean,
    *          morph?: (before, next) => Promise<{object: import('../three/morph.js').MorphObject, refines: boolean}|null>|null}} options
    *   onFrame: before each drawing; true: another frame is needed soon. onShown: a fade or a morph has ended. morph: what leads from one level to
-   *   the next without a jump; null, at once or later: the levels cross-fade
+   *   the next without a jump; null, at once or later: the levels cross-fade. drive: null: morphs take their time; {limit}: they follow the error
+   *   on screen, and are at their end where the coarser level's is `limit` pixels
    */
   constructor(canvas, options) {
     this.canvas = canvas;
@@ -57,10 +58,14 @@ export class View {
     this.preparing = null;
     this.morph = null;
     this.driver = new MorphDriver({ seconds: MORPH_SECONDS });
+    /** The levels at the ends of the morph. */
+    this.pair = null;
     this.flight = null;
     this.wireframe = false;
     this.lastFrame = null;
     this.requested = false;
+    /** Told when nothing changes any more. */
+    this.calm = [];
     new ResizeObserver(() => this.resize()).observe(canvas);
     canvas.addEventListener('webglcontextrestored', () => this.invalidate());
     this.resize();
@@ -173,6 +178,36 @@ export class View {
       });
   }
 
+  /**
+   * A part of a level that is on its way (three/units.js): grows out of what it follows. Resolves when it has grown; false: something else is drawn.
+   */
+  async showPart(part, animated) {
+    await this.whenCalm();
+    if (!part.follows(this.shown)) return false;
+    this.grow(part, { object: part.morph, refines: true });
+    if (!animated) this.driver.begin(1, 1);
+    await this.whenCalm();
+    return this.shown === part;
+  }
+
+  whenCalm() {
+    return this.fading ? new Promise((resolve) => this.calm.push(resolve)) : Promise.resolve();
+  }
+
+  tellCalm() {
+    if (this.fading) return;
+    for (const resolve of this.calm.splice(0)) resolve();
+  }
+
+  /** Where one looks, in model space; halfAngle: of the circle around the picture. */
+  look() {
+    const inverse = this.model.matrix.clone().invert();
+    const eye = this.camera.position.clone().applyMatrix4(inverse);
+    const direction = this.camera.getWorldDirection(new Vector3()).transformDirection(inverse);
+    const halfAngle = Math.atan(Math.tan((FOV * Math.PI) / 360) * Math.hypot(1, this.camera.aspect));
+    return { eye: eye.toArray(), direction: direction.toArray(), halfAngle };
+  }
+
   /** Cross-fades to the object. */
   replace(object) {
     const before = this.shown;
@@ -189,12 +224,15 @@ export class View {
       this.end(before);
     }
     if (!before) this.options.onShown?.();
+    this.tellCalm();
     this.invalidate();
   }
 
   /** From what is drawn to `object` through a morph's shapes. refines: the object is its finer end. */
   grow(object, { object: shape, refines }) {
-    this.end(this.shown);
+    const before = this.shown;
+    this.end(before);
+    this.pair = object.transient || before.transient ? null : { coarse: refines ? before : object, fine: refines ? object : before };
     this.shown = object;
     object.setWireframe(this.wireframe);
     shape.setWireframe(this.wireframe);
@@ -207,12 +245,38 @@ export class View {
 
   morphStep(seconds) {
     if (!this.morph) return false;
+    const follows = this.follow();
     this.morph.t.value = this.driver.update(seconds);
+    if (this.driver.paused) return false;
     if (!this.driver.done) return true;
+    if (follows) {
+      if (this.driver.t < 1 && !(this.driver.t === 0 && this.waiting === this.pair.coarse)) return false; // rests there until the view changes
+      this.shown = this.driver.t === 1 ? this.pair.fine : this.pair.coarse;
+      if (this.waiting === this.shown) this.waiting = null;
+    }
     this.stopChange();
     this.options.onShown?.();
     this.showWaiting();
+    this.tellCalm();
     return true;
+  }
+
+  /** Where the morph should be by the error on screen; false: it goes by time. */
+  follow() {
+    const drive = this.pair && this.options.drive?.();
+    if (!drive) {
+      if (this.pair) this.driver.aim(this.shown === this.pair.fine ? 1 : 0);
+      return false;
+    }
+    const { view } = this.facts(0, null);
+    const wanted = screenTarget(this.pair.coarse.lod, drive.limit, view);
+    this.driver.aim(!this.waiting ? wanted : this.waiting === this.pair.coarse ? 0 : 1);
+    return true;
+  }
+
+  /** A morph that follows the error on screen and is where it should be. */
+  get resting() {
+    return this.morph !== null && this.pair !== null && this.driver.done && this.leaving === null && this.preparing === null && Boolean(this.options.drive?.());
   }
 
   /** What changes is at its end: the level alone is drawn. */
@@ -221,6 +285,7 @@ export class View {
     if (this.morph) {
       this.morph.dispose();
       this.morph = null;
+      this.pair = null;
       if (this.shown) this.model.add(this.shown.root);
     }
     if (this.leaving) this.end(this.leaving);
@@ -236,6 +301,7 @@ export class View {
   /** The object is about to be freed: it must not be drawn again. */
   forget(object) {
     if (this.waiting === object) this.waiting = null;
+    if (this.pair?.coarse === object || this.pair?.fine === object) this.pair = null; // the morph goes on by time
     if (this.preparing === object) this.preparing = null;
     if (this.leaving === object) {
       this.end(object);
@@ -251,6 +317,7 @@ export class View {
       this.showWaiting();
     }
     if (this.shown === object) this.show(null);
+    this.tellCalm();
     this.invalidate();
   }
 
@@ -261,6 +328,7 @@ export class View {
   end(object) {
     object.root.removeFromParent();
     object.fade.value = 1;
+    if (object.transient) object.dispose(); // nobody else keeps it
   }
 
   setWireframe(on) {
@@ -320,7 +388,7 @@ export class View {
     more = this.morphStep(seconds) || more;
     this.clip();
     this.camera.updateMatrixWorld();
-    more = this.options.onFrame(this.facts(seconds, frameSeconds)) || more || this.leaving !== null || this.morph !== null;
+    more = this.options.onFrame(this.facts(seconds, frameSeconds)) || more || this.leaving !== null || (this.morph !== null && !this.resting && !this.driver.paused);
     const height = this.renderer.domElement.height;
     for (const object of [this.shown, this.leaving]) if (object) object.viewportHeight.value = height;
     this.renderer.render(this.scene, this.camera);
@@ -367,6 +435,7 @@ export class View {
     this.leaving = null;
     this.options.onShown?.();
     this.showWaiting();
+    this.tellCalm();
     return true;
   }
 }

@@ -8,6 +8,7 @@ export class CoreJobs {
     this.core = Core.create(typeof wasm === 'string' ? fetch(wasm) : wasm);
     this.core.catch(() => {});
     this.levels = new Map();
+    this.steps = new Map();
     this.count = 0;
   }
 
@@ -22,6 +23,7 @@ export class CoreJobs {
     }
     if (what === 'frameSize') return { result: core.frameSize(options.bytes), transfer: [] };
     if (what === 'morph') return this.morph(core, options);
+    if (what.startsWith('units')) return this.units(core, what, options);
     this.levels.get(options.level)?.free();
     this.levels.delete(options.level);
     return { result: null, transfer: [] };
@@ -35,6 +37,32 @@ export class CoreJobs {
     } finally {
       map.free();
     }
+  }
+
+  units(core, what, options) {
+    const step = this.steps.get(options.units);
+    if (what === 'unitsOpen') {
+      const opened = core.units(options.bytes, this.levels.get(options.base));
+      this.steps.set(++this.count, opened);
+      return { result: { id: this.count, ...opened.facts() }, transfer: [] };
+    }
+    if (what === 'unitsDecode') {
+      step.decode(options.patch, options.bytes);
+      return { result: null, transfer: [] };
+    }
+    if (what === 'unitsJoin') {
+      const level = step.join();
+      const arrays = level.arrays();
+      return { result: { id: this.keep(level), arrays }, transfer: buffersOf(arrays) };
+    }
+    if (what === 'unitsDraw') {
+      const { values, coarse, fine } = options;
+      const result = step.draw(this.levels.get(options.to), { values, coarse, fineValues: fine });
+      return { result, transfer: buffersOf(result) };
+    }
+    step?.free();
+    this.steps.delete(options.units);
+    return { result: null, transfer: [] };
   }
 
   keep(level) {

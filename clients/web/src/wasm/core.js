@@ -63,6 +63,14 @@ export class Core {
     return new LevelMap(this, this.check(this.c.lodw_map_create(coarse.handle, fine.handle, reach)), coarse, fine);
   }
 
+  /** The step in units whose index begins at `bytes`, from level `base`, which must outlive it. */
+  units(bytes, base) {
+    const block = this.put(Uint8Array, bytes);
+    const handle = this.c.lodw_units_open(block, bytes.length, base.handle);
+    this.c.lodw_free(block);
+    return new Units(this, this.check(handle), base);
+  }
+
   get bytes() {
     return this.c.memory.buffer.byteLength;
   }
@@ -122,6 +130,69 @@ class Level {
 
   free() {
     this.core.c.lodw_level_free(this.handle);
+    this.handle = 0;
+  }
+}
+
+/** Patches of a level on their way to a finer one. */
+class Units {
+  constructor(core, handle, base) {
+    this.core = core;
+    this.handle = handle;
+    this.base = base;
+  }
+
+  /** {first: the patch to decode first, size, vertices, triangles, patches: {offset, bytes, center, radius, normal}[]}; offsets from the index's first byte. */
+  facts() {
+    const address = this.core.check(this.core.c.lodw_units_words(this.handle));
+    const [count, first, size, vertices, triangles] = this.core.words(address, 5);
+    const words = this.core.words(address + 20, 9 * count);
+    const floats = new Float32Array(words.buffer, words.byteOffset, words.length);
+    const patches = Array.from({ length: count }, (_, p) => ({
+      offset: words[9 * p], bytes: words[9 * p + 1], center: [...floats.slice(9 * p + 2, 9 * p + 5)], radius: floats[9 * p + 5],
+      normal: [...floats.slice(9 * p + 6, 9 * p + 9)],
+    }));
+    return { first, size, vertices, triangles, patches };
+  }
+
+  decode(patch, bytes) {
+    const block = this.core.put(Uint8Array, bytes);
+    const good = this.core.c.lodw_units_decode(this.handle, patch, block, bytes.length);
+    this.core.c.lodw_free(block);
+    this.core.check(good);
+  }
+
+  /** What has come so far as a level of its own. */
+  join() {
+    return new Level(this.core, this.core.check(this.core.c.lodw_units_join(this.handle)));
+  }
+
+  /**
+   * What to draw: fragments where the patches around are there, the coarse level elsewhere; as LevelMap.draw, with `coarseFaces` (faces of the coarse
+   * level; `faces` is 2^32 - 1 where a triangle is the coarse level's own) and `settled` (1 a vertex: at its end already, whatever t).
+   * fine: what join() made last, as it is drawn.
+   */
+  draw(fine, { values = 0, coarse = null, fineValues = null } = {}) {
+    const blocks = [values && coarse ? this.core.put(Float32Array, coarse) : 0, values && fineValues ? this.core.put(Float32Array, fineValues) : 0];
+    const address = this.core.c.lodw_units_draw(this.handle, this.base.handle, fine.handle, values, blocks[0], blocks[1]);
+    for (const block of blocks) this.core.c.lodw_free(block);
+    const [vertices, triangles, start, end, index, faces, coarseFaces, startValues, endValues, settled, mapped, failed] = this.core.words(this.core.check(address), 12);
+    return {
+      start: this.core.take(Float32Array, start, 3 * vertices),
+      end: this.core.take(Float32Array, end, 3 * vertices),
+      triangles: this.core.take(Uint32Array, index, 3 * triangles),
+      faces: this.core.take(Uint32Array, faces, triangles),
+      coarseFaces: this.core.take(Uint32Array, coarseFaces, triangles),
+      startValues: values ? this.core.take(Float32Array, startValues, values * vertices) : null,
+      endValues: values ? this.core.take(Float32Array, endValues, values * vertices) : null,
+      settled: this.core.take(Uint8Array, settled, vertices),
+      mapped,
+      failed,
+    };
+  }
+
+  free() {
+    this.core.c.lodw_units_free(this.handle);
     this.handle = 0;
   }
 }

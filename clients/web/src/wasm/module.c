@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "codec/stream/delta.h"
+#include "codec/stream/units.h"
 #include "core/mesh/overlay.h"
 
 #ifdef __wasm__
@@ -250,4 +250,159 @@ const uint32_t *EXPORT(lodw_map_draw)(struct map *map, uint32_t exact, uint32_t 
   map->words[8] = map->overlay.mapped;
   map->words[9] = map->overlay.failed;
   return map->words;
+}
+
+/* ---- steps in units ---- */
+
+/* Patches of a coarse level on their way. The level must outlive them. */
+struct units {
+  struct lod_arena *arena;
+  struct lod_units units;
+  struct lod_delta_level *levels;
+  const struct lod_delta_level **at_hand; /* NULL: has not come */
+  struct lod_delta_level joined;          /* what had come at the last lodw_units_join ... */
+  uint32_t *parents;                      /* ... and which of the coarse level's vertices could be drawn there */
+  struct lod_arena *drawn;
+  struct lod_morph morph;
+  uint8_t *states; /* of the drawing before; NULL: there was none */
+  uint32_t words[16];
+};
+
+void EXPORT(lodw_units_free)(struct units *u) {
+  if (u == NULL)
+    return;
+  lod_arena_destroy(u->drawn);
+  lod_arena_destroy(u->arena);
+}
+
+/* Bytes of the index that begins at `bytes`; 0 = wrong, or fewer than 10 are there. */
+size_t EXPORT(lodw_units_index_bytes)(const uint8_t *bytes, size_t size) {
+  size_t length;
+  memset(&problem, 0, sizeof problem);
+  return lod_units_index_bytes(bytes, size, &length, &problem) == LOD_OK ? length : 0;
+}
+
+struct units *EXPORT(lodw_units_open)(const uint8_t *bytes, size_t size, const struct level *base) {
+  struct lod_arena *arena = begin();
+  struct units *u = arena == NULL ? NULL : LOD_NEW_ZERO(arena, 1, struct units);
+  if (u == NULL) {
+    lod_arena_destroy(arena);
+    (void)lod_fail_memory(&problem);
+    return NULL;
+  }
+  u->arena = arena;
+  if (lod_units_open(bytes, size, &base->mesh, NULL, arena, &u->units, &problem) == LOD_OK) {
+    u->levels = LOD_NEW_ZERO(arena, u->units.header.patch_count, struct lod_delta_level);
+    u->at_hand = LOD_NEW_ZERO(arena, u->units.header.patch_count, const struct lod_delta_level *);
+    if (u->levels != NULL && u->at_hand != NULL)
+      return u;
+    (void)lod_fail_memory(&problem);
+  }
+  lod_arena_destroy(arena);
+  return NULL;
+}
+
+/* Patches, first one to decode (LOD_NONE: none), bytes of index and frames, finer vertices, finer triangles; then for each patch: offset
+ * and bytes of its frame, and as floats its ball's center and radius and its mean normal. Valid until the handle is freed. */
+const uint32_t *EXPORT(lodw_units_words)(struct units *u) {
+  const struct lod_units_header *h = &u->units.header;
+  uint32_t *words = LOD_NEW(u->arena, 5 + 9 * (size_t)h->patch_count, uint32_t), *at = words;
+  if (words == NULL)
+    return NULL;
+  const uint32_t head[5] = {h->patch_count, h->primer_patch, (uint32_t)h->size, h->vertices, h->triangles};
+  memcpy(at, head, sizeof head);
+  at += 5;
+  for (uint32_t p = 0; p < h->patch_count; p++, at += 9) {
+    const struct lod_units_patch *patch = &u->units.patches[p];
+    const float numbers[7] = {(float)patch->center[0], (float)patch->center[1], (float)patch->center[2], (float)patch->radius,
+                              (float)patch->normal[0], (float)patch->normal[1], (float)patch->normal[2]};
+    at[0] = (uint32_t)patch->offset;
+    at[1] = (uint32_t)patch->size;
+    memcpy(at + 2, numbers, sizeof numbers);
+  }
+  return words;
+}
+
+/* 1: the patch is at hand; 0: its bytes are wrong, and nothing has changed. */
+uint32_t EXPORT(lodw_units_decode)(struct units *u, uint32_t patch, const uint8_t *bytes, size_t size) {
+  const struct lod_delta_limits limits = {.max_memory_bytes = memory_limit};
+  struct lod_delta_level level;
+  memset(&problem, 0, sizeof problem);
+  if (lod_units_decode(&u->units, patch, bytes, size, &limits, u->arena, &level, &problem) != LOD_OK)
+    return 0;
+  u->levels[patch] = level;
+  u->at_hand[patch] = &u->levels[patch];
+  return 1;
+}
+
+/* What has come, as a level of its own; with all patches it is the finer level. */
+struct level *EXPORT(lodw_units_join)(struct units *u) {
+  struct level *level = new_level();
+  struct lod_delta_level *joined = &u->joined;
+  const size_t bases = u->units.base->vertex_count;
+  if (level == NULL)
+    return NULL;
+  if (lod_units_join(&u->units, u->at_hand, level->arena, joined, &problem) == LOD_OK) {
+    u->parents = lod_arena_copy(level->arena, joined->kept, bases * sizeof *u->parents);
+    if (u->parents != NULL) {
+      level->mesh = joined->mesh;
+      level->kept = (uint32_t *)(uintptr_t)joined->kept;
+      level->kept_count = (uint32_t)bases;
+      lod_units_settle(&u->units, u->at_hand, u->parents);
+      return level;
+    }
+    (void)lod_fail_memory(&problem);
+  }
+  lodw_level_free(level);
+  return NULL;
+}
+
+/* Vertices of `fine`, the joined level as it is drawn, instead of the joined level's own: they are at the same places. */
+static enum lod_status name_parents(const struct units *u, const struct level *fine, struct lod_arena *arena, uint32_t **parents) {
+  const uint32_t bases = u->units.base->vertex_count;
+  uint32_t *same = LOD_NEW(arena, u->joined.mesh.vertex_count, uint32_t);
+  *parents = LOD_NEW(arena, bases, uint32_t);
+  if (same == NULL || *parents == NULL)
+    return LOD_MEMORY;
+  LOD_TRY(lod_overlay_match(&u->joined.mesh, &fine->mesh, 1e-100, arena, same));
+  for (uint32_t v = 0; v < bases; v++)
+    (*parents)[v] = u->parents[v] == LOD_NONE ? LOD_NONE : same[u->parents[v]];
+  return LOD_OK;
+}
+
+/* What to draw of it. fine: the level that lodw_units_join made last, as it is drawn, with coarse and fine values as for lodw_map_draw.
+ * Returns: vertices, triangles, addresses of start and end positions, triangles, finer and coarse face of each triangle, start and end
+ * values, settled (a byte a vertex); coarse triangles mapped, failed. */
+const uint32_t *EXPORT(lodw_units_draw)(struct units *u, const struct level *coarse, const struct level *fine, uint32_t values,
+                                        const float *coarse_values, const float *fine_values) {
+  const struct lod_morph_values all = {values, coarse_values, fine_values};
+  const uint32_t triangles = coarse->mesh.triangle_count;
+  struct lod_overlay overlay;
+  uint32_t *parents;
+  lod_arena_destroy(u->drawn);
+  u->drawn = begin();
+  if (u->drawn == NULL)
+    return NULL;
+  enum lod_status status = name_parents(u, fine, u->drawn, &parents);
+  if (status == LOD_OK)
+    status = lod_overlay_create(&coarse->mesh, &fine->mesh, parents, NULL, u->drawn, &overlay, &problem);
+  if (status == LOD_OK)
+    status = lod_overlay_part(&overlay, &coarse->mesh, &fine->mesh, values == 0 ? NULL : &all, u->states, u->drawn, &u->morph);
+  if (status == LOD_OK && u->states == NULL && (u->states = LOD_NEW(u->arena, triangles, uint8_t)) == NULL)
+    status = LOD_MEMORY;
+  if (status == LOD_MEMORY)
+    (void)lod_fail_memory(&problem);
+  if (status != LOD_OK)
+    return NULL;
+  memcpy(u->states, overlay.states, triangles);
+  const struct lod_morph *m = &u->morph;
+  const void *const addresses[8] = {m->start,        m->end,          m->triangles,  m->fine_faces,
+                                    m->coarse_faces, m->start_values, m->end_values, m->settled};
+  u->words[0] = m->vertex_count;
+  u->words[1] = m->triangle_count;
+  for (int i = 0; i < 8; i++)
+    u->words[2 + i] = (uint32_t)(uintptr_t)addresses[i];
+  u->words[10] = overlay.mapped;
+  u->words[11] = overlay.failed;
+  return u->words;
 }

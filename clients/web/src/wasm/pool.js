@@ -46,6 +46,29 @@ export class CorePool {
     return this.ask('frameSize', { bytes });
   }
 
+  /** The step in units whose index begins at `bytes`, from level `base`; {id, first, patches, ...} as Units.facts in core.js. */
+  unitsOpen(bytes, base) {
+    return this.ask('unitsOpen', { bytes, base });
+  }
+
+  unitsDecode(units, patch, bytes) {
+    return this.ask('unitsDecode', { units, patch, bytes });
+  }
+
+  /** What has come, as a level; {id, arrays}. */
+  unitsJoin(units) {
+    return this.ask('unitsJoin', { units });
+  }
+
+  /** What to draw of it; level `to`: what unitsJoin made last, as it is drawn. */
+  unitsDraw(units, to, options) {
+    return this.ask('unitsDraw', { units, to, ...options });
+  }
+
+  unitsFree(units) {
+    this.ask('unitsFree', { units }).catch(() => {});
+  }
+
   free(level) {
     this.ask('free', { level }).catch(() => {});
   }
