@@ -67,6 +67,8 @@ static const struct setting {
     {"refine-memory", "N", BYTES, AT(refine_memory), "2GiB", UINT64_C(1) << 26, UINT64_C(1) << 44, "Memory of one refinement worker."},
     {"refine-triangles", "N", COUNT, AT(refine_triangles), "500000", 1, UINT64_C(1) << 28,
      "The most triangles of a refinement, whatever is asked for."},
+    {"refined-bytes", "N", BYTES, AT(refined_bytes), "256MiB", 0, UINT64_C(1) << 50,
+     "Refinements kept on the disk for whoever asks the same again; the least recently used go; 0: none."},
     {"limit-vertices", "N", COUNT, AT(limit_vertices), "0", 0, UINT32_MAX, "Most vertices of a model; 0: the worker's default."},
     {"limit-triangles", "N", COUNT, AT(limit_triangles), "0", 0, UINT32_MAX, "Most triangles of a model; 0: the worker's default."},
     {"limit-instances", "N", COUNT, AT(limit_instances), "0", 0, UINT32_MAX, "Most instances of a model's parts; 0: the worker's default."},
@@ -309,8 +311,9 @@ void lod_config_help(FILE *out) {
 }
 
 /* What a running daemon takes over. */
-static const char *const kLive[] = {"token-file",   "tls-cert",     "tls-key",    "cors",          "log-level",    "header-seconds",
-                                    "idle-seconds", "rate-seconds", "rate-bytes", "drain-seconds", "upload-bytes", "store-bytes"};
+static const char *const kLive[] = {"token-file",     "tls-cert",     "tls-key",      "cors",       "log-level",
+                                    "header-seconds", "idle-seconds", "rate-seconds", "rate-bytes", "drain-seconds",
+                                    "upload-bytes",   "store-bytes",  "refined-bytes"};
 
 void lod_config_fixed_differences(const struct lod_config *a, const struct lod_config *b, char *names, size_t size) {
   *names = 0;

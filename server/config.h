@@ -15,7 +15,7 @@ struct lod_config {
   char *token_name;    /* of --make-token; NULL = none */
   uint64_t loops, connections, address_connections, header_seconds, idle_seconds, rate_seconds, rate_bytes, drain_seconds, cached_objects;
   uint64_t store_bytes, upload_bytes, bakes, bake_threads, bake_queue, bake_seconds, bake_memory;
-  uint64_t refine_workers, refine_queue, refine_seconds, refine_memory, refine_triangles;
+  uint64_t refine_workers, refine_queue, refine_seconds, refine_memory, refine_triangles, refined_bytes;
   uint64_t limit_vertices, limit_triangles, limit_instances, limit_depth, limit_texture_pixels,
       limit_texture_bytes; /* 0 = the worker's default */
 };

@@ -10,12 +10,14 @@
 
 #include "server/config.h"
 #include "server/http/deadline.h"
+#include "server/http/errands.h"
 #include "server/http/http.h"
 #include "server/http/tls.h"
 #include "server/jobs/pool.h"
 #include "server/log.h"
 #include "server/models_dir.h"
 #include "server/notify.h"
+#include "server/store/answers.h"
 #include "server/store/check.h"
 
 enum { EXIT_STOPPED = 0, EXIT_CANNOT_START = 1, EXIT_USAGE = 2 };
@@ -34,6 +36,7 @@ struct daemon {
   struct lod_store *store;
   struct lod_jobs *jobs;
   struct lod_pool *pool;
+  struct lod_errands *errands;
   struct lod_service service;
   struct lod_models_dir *models;
   pthread_mutex_t http_lock; /* job_changed, on a thread of jobs, must find no server that is being freed */
@@ -97,7 +100,9 @@ static enum lod_status start_pool(struct daemon *daemon, struct lod_problem *pro
   settings.deadline_seconds = (double)config->refine_seconds;
   settings.memory_limit_bytes = config->refine_memory;
   settings.log = log_line;
-  return lod_pool_create(&settings, &daemon->pool, problem);
+  LOD_TRY(lod_pool_create(&settings, &daemon->pool, problem));
+  daemon->errands = lod_errands_create(daemon->pool);
+  return daemon->errands ? LOD_OK : lod_fail_memory(problem);
 }
 
 static enum lod_status start(struct daemon *daemon, struct lod_problem *problem) {
@@ -113,11 +118,13 @@ static enum lod_status start(struct daemon *daemon, struct lod_problem *problem)
   lod_metrics_set(daemon->metrics, LOD_METRIC_START_TIME, (double)time(NULL));
   LOD_TRY(lod_store_open(config->store, &daemon->store, problem));
   lod_store_set_quota(daemon->store, config->store_bytes);
+  lod_answers_set_limit(lod_store_answers(daemon->store), config->refined_bytes);
   LOD_TRY(start_jobs(daemon, problem));
   LOD_TRY(lod_service_init(&daemon->service, daemon->store, daemon->jobs, daemon->metrics, config, problem));
   if (config->refine_workers != 0)
     LOD_TRY(start_pool(daemon, problem));
   daemon->service.pool = daemon->pool;
+  daemon->service.errands = daemon->errands;
   struct lod_http *http;
   LOD_TRY(lod_http_create(&daemon->service, lod_notify_take_listener(), &http, problem));
   pthread_mutex_lock(&daemon->http_lock);
@@ -137,6 +144,7 @@ static void stop(struct daemon *daemon) {
   const struct lod_config *config = daemon->service.config ? daemon->service.config : &daemon->config;
   lod_http_destroy(http, http ? (double)config->drain_seconds : 0);
   lod_pool_destroy(daemon->pool);
+  lod_errands_destroy(daemon->errands);
   lod_jobs_destroy(daemon->jobs);
   lod_service_finish(&daemon->service);
   lod_store_close(daemon->store);
@@ -175,6 +183,7 @@ static enum lod_status reload_settings(struct daemon *daemon, int argc, char **a
   LOD_TRY(lod_service_set_config(&daemon->service, &kept->config, problem));
   lod_http_settings_changed(daemon->http);
   lod_store_set_quota(daemon->store, kept->config.store_bytes);
+  lod_answers_set_limit(lod_store_answers(daemon->store), kept->config.refined_bytes);
   lod_log_set_level(level);
   return LOD_OK;
 }

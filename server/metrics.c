@@ -41,6 +41,16 @@ static const struct {
                                     "Workers that ended by a signal of their own making."},
     [LOD_METRIC_WORKERS_KILLED] = {"lodestream_workers_killed_total", COUNTER, false, "Workers stopped for a deadline or a limit."},
     [LOD_METRIC_BAKE_SECONDS] = {"lodestream_bake_seconds_total", COUNTER, true, "Seconds that finished bakes took."},
+    [LOD_METRIC_REFINE_WORKERS] = {"lodestream_refine_workers", GAUGE, false, "Warm workers for refinements that are alive."},
+    [LOD_METRIC_REFINE_BUSY] = {"lodestream_refine_workers_busy", GAUGE, false, "Warm workers that refine."},
+    [LOD_METRIC_REFINE_QUEUED] = {"lodestream_refine_queued", GAUGE, false, "Refinements that wait for a worker."},
+    [LOD_METRIC_REFINE_SECONDS] = {"lodestream_refine_seconds_total", COUNTER, true, "Seconds that workers spent on refinements."},
+    [LOD_METRIC_REFINE_WAIT_SECONDS] = {"lodestream_refine_wait_seconds_total", COUNTER, true,
+                                        "Seconds that refinements waited for a worker."},
+    [LOD_METRIC_REFINED_FILES] = {"lodestream_refined_files", GAUGE, false, "Refinements kept in the store's cache."},
+    [LOD_METRIC_REFINED_BYTES] = {"lodestream_refined_bytes", GAUGE, false, "Bytes of these; no object's."},
+    [LOD_METRIC_REFINED_EVICTED] = {"lodestream_refined_evicted_total", COUNTER, false,
+                                    "Refinements that had to go from the store's cache for newer ones."},
 };
 
 /* Statuses that are told apart; the last stands for all others. */

@@ -6,7 +6,9 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "server/http/errands.h"
 #include "server/http/routes.h"
+#include "server/store/answers.h"
 
 static void answer_ok(struct lod_exchange *exchange) {
   struct lod_reply *reply = &exchange->reply;
@@ -57,7 +59,8 @@ static void measure_process(double *cpu, double *resident, double *files) {
   *files = stat("/proc/self/fd", &facts) == 0 ? (double)facts.st_size : 0;
 }
 
-static char *metrics_text(struct lod_metrics *metrics, const struct lod_jobs_counts *jobs, size_t *size) {
+static char *metrics_text(struct lod_service *service, const struct lod_jobs_counts *jobs, const struct lod_pool_counts *pool,
+                          size_t *size) {
   const struct lod_metric_row ends[] = {{"done", (double)jobs->workers_done},
                                         {"failed", (double)jobs->workers_failed},
                                         {"crashed", (double)jobs->workers_crashed},
@@ -66,12 +69,26 @@ static char *metrics_text(struct lod_metrics *metrics, const struct lod_jobs_cou
   struct lod_metric_row stages[LOD_STAGES_MAX];
   for (uint32_t i = 0; i < jobs->stages.count; i++)
     stages[i] = (struct lod_metric_row){jobs->stages.list[i].name, jobs->stages.list[i].seconds};
+  const struct lod_metric_row outcomes[] = {{"answered", (double)pool->answered},   {"failed", (double)pool->failed},
+                                            {"crashed", (double)pool->crashed},     {"late", (double)pool->late},
+                                            {"cancelled", (double)pool->cancelled}, {"refused", (double)pool->refused}};
+  const struct lod_metric_row hits[] = {{"memory", (double)atomic_load(&service->refined_memory_hits)},
+                                        {"store", (double)atomic_load(&service->refined_store_hits)},
+                                        {"flight", service->errands ? (double)lod_errands_shared(service->errands) : 0}};
+  struct lod_metric_row refine_ends[LOD_POOL_ENDS];
+  for (int i = 0; i < LOD_POOL_ENDS; i++)
+    refine_ends[i] = (struct lod_metric_row){lod_pool_end_name((enum lod_pool_end)i), (double)pool->ends[i]};
   const struct lod_metric_family families[] = {
       {"lodestream_worker_ends_total", "Workers that ended, by cause.", "cause", ends, sizeof ends / sizeof *ends},
       {"lodestream_bake_stage_seconds_total", "Seconds that bakes were in each stage; a family's stage has its name.", "stage", stages,
        jobs->stages.count},
+      {"lodestream_refine_requests_total", "Refinements and contacts that a worker was asked for, by outcome; refused: the queue was full.",
+       "outcome", outcomes, sizeof outcomes / sizeof *outcomes},
+      {"lodestream_refine_hits_total", "Refinements answered without a worker: from memory, from the store, with an equal one in flight.",
+       "from", hits, sizeof hits / sizeof *hits},
+      {"lodestream_refine_worker_ends_total", "Warm workers that ended and were replaced, by cause.", "cause", refine_ends, LOD_POOL_ENDS},
   };
-  return lod_metrics_text(metrics, families, sizeof families / sizeof *families, size);
+  return lod_metrics_text(service->metrics, families, sizeof families / sizeof *families, size);
 }
 
 void lod_answer_metrics(struct lod_exchange *exchange) {
@@ -80,6 +97,8 @@ void lod_answer_metrics(struct lod_exchange *exchange) {
   struct lod_jobs_counts jobs = lod_jobs_counts(service->jobs);
   struct lod_cache_counts objects = lod_cache_counts(service->objects);
   struct lod_cache_counts responses = lod_cache_counts(service->responses), memos = lod_cache_counts(service->memos);
+  struct lod_pool_counts pool = service->pool ? lod_pool_counts(service->pool) : (struct lod_pool_counts){0};
+  struct lod_answers_counts answers = lod_answers_counts(lod_store_answers(service->store));
   double cpu, resident, files;
   measure_process(&cpu, &resident, &files);
   const struct {
@@ -105,12 +124,20 @@ void lod_answer_metrics(struct lod_exchange *exchange) {
       {LOD_METRIC_RESPONSES_CACHED, (double)responses.entries},
       {LOD_METRIC_RESPONSE_HITS, (double)(responses.hits + memos.hits)},
       {LOD_METRIC_RESPONSE_MISSES, (double)responses.misses},
+      {LOD_METRIC_REFINE_WORKERS, (double)pool.alive},
+      {LOD_METRIC_REFINE_BUSY, (double)pool.running},
+      {LOD_METRIC_REFINE_QUEUED, (double)pool.waiting},
+      {LOD_METRIC_REFINE_SECONDS, pool.seconds},
+      {LOD_METRIC_REFINE_WAIT_SECONDS, pool.wait_seconds},
+      {LOD_METRIC_REFINED_FILES, (double)answers.files},
+      {LOD_METRIC_REFINED_BYTES, (double)answers.bytes},
+      {LOD_METRIC_REFINED_EVICTED, (double)answers.evicted},
       {LOD_METRIC_DRAINING, atomic_load(&service->draining) ? 1 : 0},
   };
   for (size_t i = 0; i < sizeof now / sizeof *now; i++)
     lod_metrics_set(metrics, now[i].metric, now[i].value);
   size_t size = 0;
-  char *text = metrics_text(metrics, &jobs, &size);
+  char *text = metrics_text(service, &jobs, &pool, &size);
   struct lod_reply *reply = &exchange->reply;
   reply->body = lod_body_take(text, size);
   if (!reply->body) {

@@ -1,13 +1,14 @@
 /* Refinement on demand and contact points: the query, the level that it starts from, and a warm worker's answer. */
 #include <jansson.h>
-#include <stdatomic.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "server/http/errands.h"
 #include "server/http/routes.h"
-#include "server/jobs/pool.h"
 #include "server/jobs/refine_query.h"
+#include "server/store/answers.h"
 
 enum { DEFAULT_BASE_TRIANGLES = 5000, BODY_MAX_BYTES = 32 << 20, CACHED_ANSWER_BYTES = 4 << 20 };
 
@@ -28,27 +29,30 @@ void lod_refined_release(void *value) {
   free(refined);
 }
 
+/* Where an errand's answer is kept. */
+struct origin {
+  struct lod_service *service;
+  char id[LOD_MODEL_ID_MAX + 1], *revision;
+};
+
 struct request {
-  struct lod_pool_job job;
+  struct lod_waiter waiter;
   struct lod_exchange *exchange;
+  struct lod_errand *errand; /* this request's own; an equal one may be under way already */
   bool contact;
-  char *parameters; /* JSON */
+  char *parameters; /* JSON; the errand's, once there is one */
   char etag[LOD_ETAG_MAX];
   char base_name[96]; /* "envelope:3" */
-  struct lod_body *base;
-  uint8_t *values;
+  uint8_t *values;    /* likewise */
   size_t values_size, values_room;
   bool body_failed;
-  atomic_bool gone; /* the client is */
 };
 
 static void finish_request(void *state) {
   struct request *request = state;
+  lod_errand_release(request->errand);
   free(request->parameters);
   free(request->values);
-  lod_body_release(request->base);
-  free(request->job.facts);
-  free(request->job.bytes);
   free(request);
 }
 
@@ -127,12 +131,12 @@ static void unknown_base(struct lod_exchange *exchange, const struct lod_stored_
 }
 
 /* The tag of the exact request: which bytes are refined, how, and by which version. */
-static void make_etag(struct request *request) {
+static void make_etag(struct request *request, uint64_t max_triangles, const char *base) {
   char values[LOD_ETAG_MAX] = "", *text = NULL;
   if (request->values_size != 0)
     lod_etag_of_bytes(request->values, request->values_size, values);
-  int size = asprintf(&text, "%s %s %llu %s %s %s", LOD_VERSION, request->contact ? "contact" : "refine",
-                      (unsigned long long)request->job.max_triangles, request->job.base, values, request->parameters);
+  int size = asprintf(&text, "%s %s %llu %s %s %s", LOD_VERSION, request->contact ? "contact" : "refine", (unsigned long long)max_triangles,
+                      base, values, request->parameters);
   if (size > 0)
     lod_etag_of_bytes(text, (size_t)size, request->etag);
   free(size < 0 ? NULL : text);
@@ -159,79 +163,147 @@ static uint64_t count_of(const json_t *json, const char *name) {
   return value > 0 ? (uint64_t)value : 0;
 }
 
-static void keep(struct request *request, struct lod_body *body, const struct facts *facts) {
-  struct lod_cache *cache = request->exchange->service->refined;
-  struct refined *refined = body->size <= CACHED_ANSWER_BYTES && request->etag[0] != 0 ? calloc(1, sizeof *refined) : NULL;
+static struct facts facts_of(const char *text) {
+  json_t *json = json_loads(text, 0, NULL);
+  struct facts facts = {count_of(json, "triangles"), count_of(json, "vertices"), count_of(json, "base_triangles"),
+                        json_is_true(json_object_get(json, "budget"))};
+  json_decref(json);
+  return facts;
+}
+
+static void remember(struct lod_service *service, const char *etag, struct lod_body *body, const struct facts *facts) {
+  struct lod_cache *cache = service->refined;
+  struct refined *refined = body->size <= CACHED_ANSWER_BYTES && etag[0] != 0 ? calloc(1, sizeof *refined) : NULL;
   if (refined == NULL)
     return;
   refined->body = lod_body_retain(body);
   refined->facts = *facts;
-  struct lod_cache_entry *entry = lod_cache_insert(cache, request->etag, strlen(request->etag), 0, refined);
+  struct lod_cache_entry *entry = lod_cache_insert(cache, etag, strlen(etag), 0, refined);
   if (entry != NULL)
     lod_cache_release(cache, entry);
 }
 
-static void reply_mesh(struct request *request) {
-  struct lod_pool_job *job = &request->job;
-  json_t *json = json_loads(job->facts, 0, NULL);
-  struct facts facts = {count_of(json, "triangles"), count_of(json, "vertices"), count_of(json, "base_triangles"),
-                        json_is_true(json_object_get(json, "budget"))};
-  json_decref(json);
-  struct lod_body *body = lod_body_create(job->bytes, job->size, free, job->bytes);
-  job->bytes = NULL;
-  if (body == NULL) {
-    out_of_memory(request->exchange);
-    return;
-  }
-  keep(request, body, &facts);
-  describe(request, body, &facts);
+/* The hex digits between an ETag's quotes: what the store's cache knows an answer by. */
+static bool key_of(const char *etag, char key[LOD_ANSWER_KEY + 1]) {
+  if (strlen(etag) != LOD_ANSWER_KEY + 2)
+    return false;
+  memcpy(key, etag + 1, LOD_ANSWER_KEY);
+  key[LOD_ANSWER_KEY] = 0;
+  return true;
 }
 
-static void reply_contact(struct request *request) {
-  json_t *json = json_loads(request->job.facts, 0, NULL);
+static void release_body(void *body) {
+  lod_body_release(body);
+}
+
+/* On a thread of the pool, once for all who wait. */
+static void keep_answer(struct lod_errand *errand) {
+  const struct origin *origin = errand->context;
+  struct lod_pool_job *job = &errand->job;
+  char key[LOD_ANSWER_KEY + 1];
+  if (job->problem.status != LOD_OK || strcmp(job->kind, "refine") != 0)
+    return;
+  errand->answer = lod_body_create(job->bytes, job->size, free, job->bytes);
+  job->bytes = NULL;
+  if (errand->answer == NULL)
+    return;
+  struct facts facts = facts_of(job->facts);
+  remember(origin->service, errand->key, errand->answer, &facts);
+  if (key_of(errand->key, key))
+    lod_store_keep_answer(origin->service->store, origin->id, origin->revision, key, errand->answer->bytes, errand->answer->size,
+                          job->facts, lod_body_retain(errand->answer), release_body);
+}
+
+static void finish_origin(void *context) {
+  struct origin *origin = context;
+  free(origin->revision);
+  free(origin);
+}
+
+static void reply_contact(struct request *request, const struct lod_pool_job *job) {
+  json_t *json = json_loads(job->facts, 0, NULL);
   json_object_del(json, "bytes");
   json_object_set_new(json, "base", json_string(request->base_name));
   lod_reply_json(&request->exchange->reply, 200, LOD_CACHE_REVALIDATE, json_dumps(json, JSON_COMPACT | JSON_REAL_PRECISION(9)));
   json_decref(json);
 }
 
-/* On a thread of the pool. */
-static void take_answer(struct lod_pool_job *job) {
-  struct request *request = job->context;
-  struct lod_query_problem problem = {.problem = job->problem};
-  snprintf(problem.parameter, sizeof problem.parameter, "%s", job->parameter);
-  if (job->problem.status != LOD_OK)
-    lod_reply_failure(&request->exchange->reply, &problem);
-  else if (request->contact)
-    reply_contact(request);
-  else
-    reply_mesh(request);
-  request->exchange->finished(request->exchange);
+/* On a thread of the pool, or on the event loop for a client that has gone. */
+static void take_answer(struct lod_waiter *waiter, struct lod_errand *errand, bool cancelled) {
+  struct request *request = (struct request *)((char *)waiter - offsetof(struct request, waiter));
+  struct lod_exchange *exchange = request->exchange;
+  const struct lod_pool_job *job = &errand->job;
+  if (cancelled) {
+    lod_reply_problem(&exchange->reply, 503, "cancelled", "The client has gone.", "");
+  } else if (job->problem.status != LOD_OK) {
+    struct lod_query_problem problem = {.problem = job->problem};
+    snprintf(problem.parameter, sizeof problem.parameter, "%s", job->parameter);
+    lod_reply_failure(&exchange->reply, &problem);
+  } else if (request->contact) {
+    reply_contact(request, job);
+  } else if (errand->answer == NULL) {
+    out_of_memory(exchange);
+  } else {
+    struct facts facts = facts_of(job->facts);
+    describe(request, lod_body_retain(errand->answer), &facts);
+  }
+  exchange->finished(exchange);
 }
 
-/* On a background thread: the base may have to be read from the disk. True: take_answer follows. */
+static bool answer_from_memory(struct lod_exchange *exchange, struct request *request) {
+  struct lod_cache *cache = exchange->service->refined;
+  struct lod_cache_entry *entry =
+      request->contact || request->etag[0] == 0 ? NULL : lod_cache_find(cache, request->etag, strlen(request->etag), 0);
+  if (entry == NULL)
+    return false;
+  struct refined *refined = lod_cache_value(entry);
+  atomic_fetch_add(&exchange->service->refined_memory_hits, 1);
+  describe(request, lod_body_retain(refined->body), &refined->facts);
+  lod_cache_release(cache, entry);
+  return true;
+}
+
+static void release_answer(void *answer) {
+  lod_answer_release(answer);
+}
+
+static bool answer_from_store(struct lod_exchange *exchange, struct request *request) {
+  char key[LOD_ANSWER_KEY + 1];
+  struct lod_answer *answer =
+      request->contact || !key_of(request->etag, key) ? NULL : lod_answers_find(lod_store_answers(exchange->service->store), key);
+  if (answer == NULL)
+    return false;
+  struct facts facts = facts_of(answer->facts);
+  struct lod_body *body = lod_body_create(answer->bytes, answer->size, release_answer, answer);
+  if (body == NULL)
+    return false;
+  atomic_fetch_add(&exchange->service->refined_store_hits, 1);
+  body->file = answer->file;
+  remember(exchange->service, request->etag, body, &facts);
+  describe(request, body, &facts);
+  return true;
+}
+
+/* On a background thread: the answer or the base may have to be read from the disk. True: take_answer follows. */
 static bool start(struct lod_exchange *exchange) {
   struct request *request = exchange->state;
+  struct lod_service *service = exchange->service;
+  struct lod_errand *errand = request->errand;
   struct lod_query_problem problem = {0};
   const char *type;
-  request->base = lod_service_find_object(exchange->service, request->job.base, &type);
-  if (request->base == NULL &&
-      lod_service_open_object(exchange->service, request->job.base, &request->base, &type, &problem.problem) != LOD_OK) {
+  if (answer_from_store(exchange, request) || answer_from_memory(exchange, request))
+    return false;
+  errand->base = lod_service_find_object(service, errand->job.base, &type);
+  if (errand->base == NULL && lod_service_open_object(service, errand->job.base, &errand->base, &type, &problem.problem) != LOD_OK) {
     lod_reply_failure(&exchange->reply, &problem);
     return false;
   }
-  if (request->base == NULL) {
+  if (errand->base == NULL) {
     lod_reply_problem(&exchange->reply, 503, "model-changed", "The model changed while the level was chosen; ask again.", "");
     lod_reply_header(&exchange->reply, "Retry-After", "1");
     return false;
   }
-  request->job.base_bytes = request->base->bytes;
-  request->job.base_size = request->base->size;
-  if (atomic_load(&request->gone)) {
-    lod_reply_problem(&exchange->reply, 503, "cancelled", "The client has gone.", "");
-    return false;
-  }
-  if (lod_pool_submit(exchange->service->pool, &request->job, &problem.problem) == LOD_OK)
+  if (lod_errands_join(service->errands, errand, &request->waiter, &problem.problem) == LOD_OK)
     return true; /* from here on the request may be over at any moment */
   lod_reply_failure(&exchange->reply, &problem);
   return false;
@@ -240,34 +312,37 @@ static bool start(struct lod_exchange *exchange) {
 /* On the event loop, before the request is over. */
 static void cancel(struct lod_exchange *exchange) {
   struct request *request = exchange->state;
-  if (!atomic_exchange(&request->gone, true))
-    lod_pool_cancel(exchange->service->pool, &request->job);
+  lod_errands_leave(exchange->service->errands, &request->waiter);
 }
 
-static void prepare(struct lod_exchange *exchange, struct request *request, const struct lod_stored_level *level,
-                    const struct lod_stored_family *family) {
-  request->job.kind = request->contact ? "contact" : "refine";
-  request->job.parameters = request->parameters;
-  request->job.values = request->values;
-  request->job.values_size = request->values_size;
-  request->job.max_triangles = exchange->service->config->refine_triangles;
-  request->job.done = take_answer;
-  request->job.context = request;
-  snprintf(request->job.base, sizeof request->job.base, "%s", level->sha256);
+/* The request as an errand, not sent yet. False: memory. */
+static bool prepare(struct lod_exchange *exchange, struct request *request, const struct lod_stored_model *model,
+                    const struct lod_stored_level *level, const struct lod_stored_family *family) {
+  uint64_t max_triangles = exchange->service->config->refine_triangles;
+  struct lod_errand *errand = request->errand = lod_errand_create();
+  struct origin *origin = calloc(1, sizeof *origin);
   snprintf(request->base_name, sizeof request->base_name, "%s:%u", family->name, level->level);
-  make_etag(request);
-}
-
-static bool answer_from_cache(struct lod_exchange *exchange, struct request *request) {
-  struct lod_cache *cache = exchange->service->refined;
-  struct lod_cache_entry *entry =
-      request->contact || request->etag[0] == 0 ? NULL : lod_cache_find(cache, request->etag, strlen(request->etag), 0);
-  if (entry == NULL)
+  make_etag(request, max_triangles, level->sha256);
+  if (errand == NULL || origin == NULL || (origin->revision = strdup(model->revision)) == NULL) {
+    free(origin);
     return false;
-  struct refined *refined = lod_cache_value(entry);
-  describe(request, lod_body_retain(refined->body), &refined->facts);
-  lod_cache_release(cache, entry);
-  return true;
+  }
+  origin->service = exchange->service;
+  snprintf(origin->id, sizeof origin->id, "%s", model->id);
+  errand->context = origin;
+  errand->finish_context = finish_origin;
+  errand->landed = keep_answer;
+  errand->job.kind = request->contact ? "contact" : "refine";
+  errand->job.max_triangles = max_triangles;
+  snprintf(errand->job.base, sizeof errand->job.base, "%s", level->sha256);
+  snprintf(errand->key, sizeof errand->key, "%s", request->etag);
+  errand->parameters = request->parameters;
+  errand->values = request->values;
+  errand->values_size = request->values_size;
+  request->parameters = NULL;
+  request->values = NULL;
+  request->waiter.done = take_answer;
+  return request->etag[0] != 0;
 }
 
 static void answer(struct lod_exchange *exchange, bool contact) {
@@ -296,8 +371,9 @@ static void answer(struct lod_exchange *exchange, bool contact) {
   } else if (level == NULL) {
     unknown_base(exchange, model);
   } else {
-    prepare(exchange, request, level, family);
-    if (!answer_from_cache(exchange, request)) {
+    if (!prepare(exchange, request, model, level, family)) {
+      out_of_memory(exchange);
+    } else if (!answer_from_memory(exchange, request)) {
       exchange->start = start;
       exchange->cancel = cancel;
     }
@@ -348,7 +424,7 @@ void lod_answer_refine_values(struct lod_exchange *exchange) {
   struct request *request = request_of(exchange);
   if (request != NULL && (request->values_size == 0 || request->values_size % 4 != 0))
     lod_reply_problem(&exchange->reply, 400, "bad-body",
-                      "The body must be 32-bit little-endian floats, one for each triangle of the base or three.", "");
+                      "The body must be 32-bit little-endian floats, one for each triangle, corner or vertex of the base.", "");
   else
     answer(exchange, false);
 }

@@ -30,12 +30,14 @@ struct lod_service {
   struct lod_cache *compressed;              /* ETag -> struct lod_body, gzip of what that ETag names */
   struct lod_cache *refined;                 /* ETag -> an answer of route_refine.c */
   struct lod_pool *pool;                     /* warm workers; not owned; NULL: this server refines nothing */
+  struct lod_errands *errands;               /* equal requests to them, together; not owned; NULL with pool */
   _Atomic(const struct lod_tokens *) tokens; /* NULL: anyone may write */
   struct kept_tokens *kept;                  /* all that were ever read */
   int viewer_fd;                             /* folder of the viewer's files; -1 = none */
   struct lod_body *openapi;
   atomic_bool draining;
   _Atomic uint64_t job_changes; /* counts up whenever any job changes */
+  _Atomic uint64_t refined_memory_hits, refined_store_hits;
 };
 /* Opens the viewer's folder, reads the token, makes the caches. LOD_BAD_INPUT: the token file is missing or empty. */
 LOD_WARN_UNUSED enum lod_status lod_service_init(struct lod_service *service, struct lod_store *store, struct lod_jobs *jobs,

@@ -92,7 +92,21 @@ static struct lod_process_end end_worker(struct runner *runner) {
   end = lod_process_finish(&runner->process);
   lod_frame_reader_finish(&runner->reader);
   runner->alive = false;
+  pthread_mutex_lock(&runner->pool->mutex);
+  runner->pool->counts.alive--;
+  pthread_mutex_unlock(&runner->pool->mutex);
   return end;
+}
+
+const char *lod_pool_end_name(enum lod_pool_end end) {
+  static const char *const kNames[LOD_POOL_ENDS] = {"signal", "exit", "nonsense", "deadline", "cancelled", "idle"};
+  return kNames[end];
+}
+
+static void count_worker(struct lod_pool *pool, enum lod_pool_end end) {
+  pthread_mutex_lock(&pool->mutex);
+  pool->counts.ends[end]++;
+  pthread_mutex_unlock(&pool->mutex);
 }
 
 /* Frames are written whole, so the socket blocks, but not for ever; they are read as they come. */
@@ -152,6 +166,7 @@ static enum lod_status start_worker(struct runner *runner, struct lod_problem *p
   snprintf(job, sizeof job, "{\"job\":\"refine\",\"memory_bytes\":%llu}", (unsigned long long)(pool->settings.memory_limit_bytes / 8 * 7));
   pthread_mutex_lock(&pool->mutex);
   pool->counts.workers_started++;
+  pool->counts.alive++;
   pthread_mutex_unlock(&pool->mutex);
   if (write_frames(runner, 'J', job, strlen(job)))
     return LOD_OK;
@@ -179,8 +194,9 @@ static void fail_job(struct lod_pool_job *job, enum lod_status status, const cha
   (void)lod_fail(&job->problem, status, type, "%s", detail);
 }
 
-static void crash(struct talk *talk, const char *what) {
+static void crash(struct talk *talk, bool nonsense) {
   struct runner *runner = talk->runner;
+  const char *what = nonsense ? "talked nonsense" : "died";
   char detail[200];
   struct lod_process_end end = end_worker(runner);
   if (end.signal != 0)
@@ -190,9 +206,7 @@ static void crash(struct talk *talk, const char *what) {
   fail_job(talk->job, LOD_IO, "worker-crashed", detail);
   say(runner->pool, "refine: %s", detail);
   talk->over = true;
-  pthread_mutex_lock(&runner->pool->mutex);
-  runner->pool->counts.crashed++;
-  pthread_mutex_unlock(&runner->pool->mutex);
+  count_worker(runner->pool, nonsense ? LOD_POOL_END_NONSENSE : end.signal != 0 ? LOD_POOL_END_SIGNAL : LOD_POOL_END_EXIT);
 }
 
 static bool ask(struct runner *runner, const struct lod_pool_job *job) {
@@ -257,7 +271,7 @@ static void take_frames(struct talk *talk) {
   do {
     enum lod_status status = lod_frame_read(runner->process.socket_fd, &runner->reader, &type);
     if (status != LOD_OK) {
-      crash(talk, status == LOD_BAD_INPUT ? "talked nonsense" : "died");
+      crash(talk, status == LOD_BAD_INPUT);
       return;
     }
     bool good = true;
@@ -272,7 +286,7 @@ static void take_frames(struct talk *talk) {
     else
       good = type == 0;
     if (!good)
-      crash(talk, "talked nonsense");
+      crash(talk, true);
   } while (!talk->over && type != 0 && monotonic() < talk->deadline);
 }
 
@@ -294,6 +308,7 @@ static void check_wishes(struct talk *talk) {
 
 static void time_out(struct talk *talk) {
   end_worker(talk->runner);
+  count_worker(talk->runner->pool, talk->told_to_stop ? LOD_POOL_END_CANCELLED : LOD_POOL_END_DEADLINE);
   if (talk->told_to_stop)
     fail_job(talk->job, LOD_CANCELLED, "cancelled", "The request was cancelled.");
   else
@@ -327,8 +342,10 @@ static void serve(struct runner *runner, struct lod_pool_job *job) {
     fail_job(job, LOD_CANCELLED, "deadline", "No worker was free in time.");
     return;
   }
-  if (runner->alive && lod_process_has_ended(&runner->process)) /* between two requests: nobody's fault */
+  if (runner->alive && lod_process_has_ended(&runner->process)) { /* between two requests: nobody's fault */
     end_worker(runner);
+    count_worker(runner->pool, LOD_POOL_END_IDLE);
+  }
   bool fresh = !runner->alive;
   if (fresh && start_worker(runner, &problem) != LOD_OK) {
     job->problem = problem;
@@ -336,6 +353,7 @@ static void serve(struct runner *runner, struct lod_pool_job *job) {
   }
   if (!ask(runner, job)) {
     end_worker(runner);
+    count_worker(runner->pool, LOD_POOL_END_IDLE);
     if (fresh || start_worker(runner, &problem) != LOD_OK || !ask(runner, job)) {
       end_worker(runner);
       fail_job(job, LOD_IO, "worker-crashed", "The worker that should refine this died; another takes its place.");
@@ -359,6 +377,8 @@ static void count_end(struct lod_pool *pool, const struct lod_pool_job *job) {
     pool->counts.late++;
   else if (job->problem.status == LOD_CANCELLED)
     pool->counts.cancelled++;
+  else if (strcmp(job->problem.type, "worker-crashed") == 0)
+    pool->counts.crashed++;
   else
     pool->counts.failed++;
 }
@@ -376,6 +396,7 @@ static struct lod_pool_job *next_job(struct runner *runner) {
       pool->last = &pool->first;
     pool->counts.waiting--;
     pool->counts.running++;
+    pool->counts.wait_seconds += monotonic() - job->submitted;
     job->running = true;
     runner->job = job;
   }
@@ -391,10 +412,12 @@ static void *run(void *argument) {
     say(pool, "refine: %s", problem.detail);
   struct lod_pool_job *job;
   while ((job = next_job(runner)) != NULL) {
+    double begun = monotonic();
     serve(runner, job);
     pthread_mutex_lock(&pool->mutex);
     runner->job = NULL;
     pool->counts.running--;
+    pool->counts.seconds += monotonic() - begun;
     count_end(pool, job);
     pthread_mutex_unlock(&pool->mutex);
     job->done(job);
@@ -416,7 +439,8 @@ enum lod_status lod_pool_submit(struct lod_pool *pool, struct lod_pool_job *job,
   job->size = 0;
   job->parameter[0] = 0;
   job->problem = (struct lod_problem){0};
-  job->deadline = monotonic() + pool->settings.deadline_seconds;
+  job->submitted = monotonic();
+  job->deadline = job->submitted + pool->settings.deadline_seconds;
   pthread_mutex_lock(&pool->mutex);
   /* A job that a free worker takes at once does not wait. */
   uint64_t free_workers = pool->runner_count - pool->counts.running;

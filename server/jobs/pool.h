@@ -55,7 +55,7 @@ struct lod_pool_job {
 
   /* the pool's own */
   struct lod_pool_job *next;
-  double deadline;
+  double deadline, submitted;
   bool cancelled, running;
 };
 
@@ -69,10 +69,23 @@ LOD_WARN_UNUSED enum lod_status lod_pool_submit(struct lod_pool *pool, struct lo
 /* Nobody wants the answer any more: done follows soon, with "cancelled" unless the answer was there first. Only before done was called. */
 void lod_pool_cancel(struct lod_pool *pool, struct lod_pool_job *job);
 
+/* Why a worker ended that was not told to. */
+enum lod_pool_end {
+  LOD_POOL_END_SIGNAL,    /* died at work */
+  LOD_POOL_END_EXIT,      /* ended by itself at work */
+  LOD_POOL_END_NONSENSE,  /* was ended: what it said made no sense */
+  LOD_POOL_END_DEADLINE,  /* was ended: its request took too long */
+  LOD_POOL_END_CANCELLED, /* was ended: it did not stop when told to */
+  LOD_POOL_END_IDLE,      /* died between two requests */
+  LOD_POOL_ENDS,
+};
+const char *lod_pool_end_name(enum lod_pool_end end);
+
 struct lod_pool_counts {
-  uint64_t waiting, running;                                    /* now */
-  uint64_t answered, failed, refused, cancelled, late, crashed; /* since the start; crashed: workers that died */
-  uint64_t workers_started;
+  uint64_t waiting, running, alive;                             /* now; alive: workers */
+  uint64_t answered, failed, refused, cancelled, late, crashed; /* requests since the start, by how they ended */
+  uint64_t workers_started, ends[LOD_POOL_ENDS];
+  double seconds, wait_seconds; /* at work; in the queue */
 };
 struct lod_pool_counts lod_pool_counts(struct lod_pool *pool);
 

@@ -14,6 +14,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "server/store/answers.h"
 #include "server/store/catalog.h"
 #include "server/store/files.h"
 #include "server/store/intake.h"
@@ -34,6 +35,7 @@ struct lod_store {
   int directory_fd, lock_fd;
   struct lod_catalog *catalog;
   struct lod_objects *objects;
+  struct lod_answers *answers;
   pthread_mutex_t write; /* one writer at a time: commit, delete, reap. Taken before every other lock */
 
   pthread_rwlock_t snapshot; /* guards the next four */
@@ -217,6 +219,30 @@ enum lod_status lod_store_object_open(struct lod_store *store, const char *sha25
   return lod_objects_open(store->objects, sha256, object, problem);
 }
 
+/* ---- answers ---- */
+
+struct lod_answers *lod_store_answers(struct lod_store *store) {
+  return store->answers;
+}
+
+/* Under the snapshot's lock: either the revision is still the model's and what is kept now is forgotten with it, or nothing is kept. */
+void lod_store_keep_answer(struct lod_store *store, const char *id, const char *revision, const char *key, const uint8_t *bytes,
+                           size_t size, const char *facts, void *held, void (*release)(void *held)) {
+  pthread_rwlock_rdlock(&store->snapshot);
+  const struct revision *now_there = lod_table_find(&store->models, id);
+  bool same = now_there != NULL && strcmp(now_there->model.revision, revision) == 0;
+  if (same)
+    lod_answers_keep(store->answers, id, key, bytes, size, facts, held, release);
+  pthread_rwlock_unlock(&store->snapshot);
+  if (!same)
+    release(held);
+}
+
+static bool model_is_there(void *context, const char *id) {
+  struct lod_store *store = context;
+  return lod_table_find(&store->models, id) != NULL;
+}
+
 static void want_reap(void *context) {
   struct lod_store *store = context;
   pthread_mutex_lock(&store->reap_mutex);
@@ -317,6 +343,8 @@ static enum lod_status commit(struct lod_store *store, struct lod_manifest *mani
     for (size_t i = 0; strcmp(local.type, "store-error") == 0 && i < count; i++)
       (void)lod_objects_name(store->objects, lod_object_entry_sha256(entries[i]));
   }
+  if (status == LOD_OK)
+    lod_answers_forget(store->answers, revision->model.id);
   if (gone != NULL)
     lod_store_model_release(&gone->model);
   return status;
@@ -371,6 +399,7 @@ enum lod_status lod_store_model_delete(struct lod_store *store, const char *id, 
     struct revision *old = exchange(store, id, NULL);
     if (old != NULL)
       lod_store_model_release(&old->model);
+    lod_answers_forget(store->answers, id);
     lod_objects_reap(store->objects);
     make_reserve(store);
   }
@@ -478,6 +507,8 @@ static enum lod_status open_store(struct lod_store *store, const char *directory
   if (missing > 0)
     fprintf(stderr, "lodestreamd: %zu objects of the store are missing or cut short; their models must be baked again\n", missing);
   lod_empty_folder(store->directory_fd, "work");
+  LOD_TRY(lod_answers_open(store->directory_fd, &store->answers, problem));
+  lod_answers_sweep(store->answers, model_is_there, store);
   make_reserve(store);
   store->reaper_runs = pthread_create(&store->reaper, NULL, reap, store) == 0;
   return store->reaper_runs ? LOD_OK : lod_fail_memory(problem);
@@ -513,6 +544,7 @@ void lod_store_close(struct lod_store *store) {
     pthread_join(store->reaper, NULL);
     lod_objects_reap(store->objects); /* what was let go last */
   }
+  lod_answers_close(store->answers);
   /* From here on releasing a revision means forgetting it: names go, files stay, nothing reaps. */
   for (size_t i = 0; i < store->count; i++) {
     assert(atomic_load(&store->order[i]->count) == 1); /* else a reader still holds a model */

@@ -1,8 +1,8 @@
 /* What the daemon holds: a catalogue of models (SQLite) and content-addressed objects (files named by their SHA-256).
  *
- * Layout of the directory: catalog.sqlite, objects/ab/<sha256>, uploads/<job>, work/<job>/ (a worker's output), all on one file system.
- * Everything is written, fsynced, renamed, the folder fsynced, and only then named by the catalogue in one transaction: a revision is
- * whole or not there. All functions may be called from any thread. */
+ * Layout of the directory: catalog.sqlite, objects/ab/<sha256>, uploads/<job>, work/<job>/ (a worker's output), refined/ (a cache,
+ * answers.h), all on one file system. Everything else is written, fsynced, renamed, the folder fsynced, and only then named by the
+ * catalogue in one transaction: a revision is whole or not there. All functions may be called from any thread. */
 #ifndef LOD_SERVER_STORE_STORE_H
 #define LOD_SERVER_STORE_STORE_H
 
@@ -47,6 +47,14 @@ enum { LOD_OBJECT_FILE_BYTES = 64 << 10 };
 LOD_WARN_UNUSED enum lod_status lod_store_object_open(struct lod_store *store, const char *sha256, struct lod_object **object,
                                                       struct lod_problem *problem);
 void lod_store_object_release(struct lod_object *object);
+
+/* ---- answers that were computed from a model: answers.h ---- */
+
+struct lod_answers;
+struct lod_answers *lod_store_answers(struct lod_store *store);
+/* lod_answers_keep, unless the model has another revision by now. */
+void lod_store_keep_answer(struct lod_store *store, const char *id, const char *revision, const char *key, const uint8_t *bytes,
+                           size_t size, const char *facts, void *held, void (*release)(void *held));
 
 /* ---- models ---- */
 

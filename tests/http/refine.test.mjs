@@ -1,6 +1,7 @@
 // Refinement on demand, with the real worker: answers, caching, bad input, budgets, a full queue, deadlines, clients that go, workers that die.
 import assert from 'node:assert/strict';
 import fs from 'node:fs';
+import os from 'node:os';
 import path from 'node:path';
 import { after, before, test } from 'node:test';
 import { Daemon, build, eventually } from './daemon.mjs';
@@ -26,9 +27,9 @@ function torus(around, tube) {
     positions.map((p) => p.join(' ')).join('\n') + '\n' + faces.map((f) => `3 ${f.join(' ')}`).join('\n') + '\n';
 }
 
-async function baked(options = {}) {
+async function baked(options = {}, model = torus(40, 18)) {
   const daemon = await Daemon.start({ worker, refine: 2, ...options });
-  const upload = await daemon.curl('/v1/models/ring', ['-T', '-'], torus(40, 18));
+  const upload = await daemon.curl('/v1/models/ring', ['-T', '-'], model);
   assert.equal(upload.status, 202, String(upload.body));
   const job = await daemon.finished(upload.headers.location, 60 * slow);
   assert.equal(job.state, 'done', JSON.stringify(job));
@@ -97,6 +98,87 @@ test('equal requests have one ETag, are answered from memory, and 304 when the c
   assert.equal(String(part.body), 'glTF');
 });
 
+const metric = async (own, name) => {
+  const text = String((await own.curl('/metrics')).body);
+  const line = text.split('\n').find((candidate) => candidate.startsWith(`${name} `));
+  assert.ok(line, name);
+  return Number(line.slice(name.length + 1));
+};
+const hits = (own, from) => metric(own, `lodestream_refine_hits_total{from="${from}"}`);
+
+test('answers outlive a restart in the store, within their bounds, and go with their model', async () => {
+  const store = fs.mkdtempSync(path.join(os.tmpdir(), 'lodestream-refined-'));
+  const folder = path.join(store, 'refined');
+  let own = await baked({ store });
+  try {
+    const objects = await metric(own, 'lodestream_store_objects_bytes');
+    const ask = (query) => own.curl(`/v1/models/ring/refine?${query}`);
+    const first = await ask('doi=silhouette&eye=0,0,8&steps=3');
+    assert.equal(first.status, 200, String(first.body));
+    await eventually('the answer is written', () => fs.readdirSync(folder).some((name) => name.endsWith('.ring')));
+    assert.equal(await metric(own, 'lodestream_store_objects_bytes'), objects, 'an answer is no object');
+    await own.stop();
+    own = await Daemon.start({ worker, refine: 2, store });
+    const again = await ask('steps=3&doi=silhouette&eye=0,0,8');
+    assert.deepEqual(again.body, first.body);
+    assert.equal(again.headers.etag, first.headers.etag);
+    for (const name of ['lod-base', 'lod-base-triangles', 'lod-triangles', 'lod-vertices', 'lod-budget'])
+      assert.equal(again.headers[name], first.headers[name], name);
+    assert.equal(await hits(own, 'store'), 1);
+    assert.equal(await metric(own, 'lodestream_refine_requests_total{outcome="answered"}'), 0, 'no worker was asked');
+    await ask('doi=silhouette&eye=0,0,8&steps=3');
+    assert.equal(await hits(own, 'memory'), 1);
+    await own.stop();
+    // A file that is not whole is found out, and made anew.
+    const [name] = fs.readdirSync(folder);
+    const bytes = fs.readFileSync(path.join(folder, name));
+    bytes[100] ^= 1;
+    fs.writeFileSync(path.join(folder, name), bytes);
+    fs.writeFileSync(path.join(folder, 'stray'), 'x');
+    own = await Daemon.start({ worker, refine: 2, store });
+    assert.deepEqual((await ask('doi=silhouette&eye=0,0,8&steps=3')).body, first.body);
+    assert.equal(await hits(own, 'store'), 0);
+    assert.ok(!fs.existsSync(path.join(folder, 'stray')));
+    await eventually('the answer is written again', () => fs.readdirSync(folder).includes(name));
+    assert.equal((await own.curl('/v1/models/ring', ['-X', 'DELETE'])).status, 204);
+    assert.deepEqual(fs.readdirSync(folder), []);
+  } finally {
+    await own.stop();
+    fs.rmSync(store, { recursive: true, force: true });
+  }
+});
+
+test('the least recently used answers go when the bound is reached', async () => {
+  const own = await baked({ flags: ['--refined-bytes', '400KiB'] });
+  try {
+    for (let i = 0; i < 8; i++) {
+      const { status, body } = await own.curl(`/v1/models/ring/refine?doi=uniform&steps=1&crease=${i + 100}`);
+      assert.equal(status, 200);
+      assert.ok(body.length < 100 * 1024, String(body.length));
+    }
+    await eventually('all are written', async () => (await metric(own, 'lodestream_refined_files')) > 0 && (await metric(own, 'lodestream_refined_evicted_total')) > 0);
+    assert.ok((await metric(own, 'lodestream_refined_bytes')) <= 400 * 1024);
+  } finally {
+    await own.stop();
+  }
+});
+
+test('equal requests that are under way are one job, and one that leaves does not take it from the others', async () => {
+  const own = await baked({ refine: 1 });
+  try {
+    const ask = (args = []) => own.curl('/v1/models/ring/refine?doi=uniform&steps=10&max_triangles=300000', args);
+    const answers = await Promise.all([ask(['-m', '0.05']), ask(), ask(), ask()]);
+    for (const answer of answers.slice(1)) {
+      assert.equal(answer.status, 200, String(answer.body));
+      assert.deepEqual(answer.body, answers[1].body);
+    }
+    assert.ok((await hits(own, 'flight')) >= 2);
+    assert.ok((await metric(own, 'lodestream_refine_requests_total{outcome="answered"}')) <= 2);
+  } finally {
+    await own.stop();
+  }
+});
+
 test('the same request gives the same bytes whatever its worker did before', async () => {
   const query = 'doi=screen&eye=1,2,4&px=1&max_triangles=5000';
   const first = await refined(query);
@@ -135,9 +217,46 @@ test('numbers of the client say where', async () => {
   assert.equal((await post('doi=attribute&steps=3', corners)).status, 200);
   const wrong = await post('doi=attribute', values.subarray(0, 40));
   assert.equal(wrong.status, 400);
-  assert.match(String(wrong.body), new RegExp(`${count} triangles`));
+  const [triangles3, , corners3, vertices3, positions3] = JSON.parse(wrong.body).detail.match(/takes (.*)/)[1].match(/\d+/g).map(Number)
+    .reduce((all, n, i) => (i === 1 ? [...all, 0, n] : [...all, n]), []);
+  assert.deepEqual([triangles3, corners3], [count, 3 * count]);
+  for (const numbers of new Set([vertices3, positions3])) {
+    const byVertex = Buffer.alloc(4 * numbers);
+    byVertex.writeFloatLE(1, 4 * 7);
+    const answer = await post('doi=attribute&steps=3&per=vertex', byVertex);
+    assert.equal(answer.status, 200, String(answer.body));
+    const fine = Number(answer.headers['lod-triangles']);
+    assert.ok(fine > count + 63 && fine < count + 1000, String(fine));
+    assert.equal((await post('doi=attribute&per=triangle', byVertex)).status, 400);
+    byVertex.writeFloatLE(1.5, 0);
+    assert.match(JSON.parse((await post('doi=attribute&per=vertex', byVertex)).body).detail, /Number 0 of the body is 1.5/);
+    byVertex.writeFloatLE(NaN, 0);
+    assert.equal((await post('doi=attribute&per=vertex', byVertex)).status, 400);
+  }
+  assert.equal((await post('doi=attribute&per=smell', values)).status, 400);
   assert.equal((await post('doi=attribute', values.subarray(0, 7))).status, 400);
   assert.equal((await post('doi=uniform', values)).status, 400);
+});
+
+test('an interest of the model is carried to its levels', async () => {
+  const plain = torus(40, 24).split('\n');
+  const first = plain.indexOf('end_header') + 1;
+  const marked = plain.slice(first, first + 40 * 24).map((line) => `${line} ${Number(line.split(' ')[0]) > 2 ? 1 : 0}`);
+  const own = await baked({}, [...plain.slice(0, 6), 'property float doi', ...plain.slice(6, first), ...marked, ...plain.slice(first + 40 * 24)].join('\n'));
+  try {
+    const ask = (query) => own.curl(`/v1/models/ring/refine?${query}`);
+    const none = await ask('doi=uniform&steps=0');
+    const some = await ask('doi=attribute&attribute=doi&steps=2');
+    const all = await ask('doi=uniform&steps=2');
+    assert.equal(some.status, 200, String(some.body));
+    const count = ({ headers }) => Number(headers['lod-triangles']);
+    assert.ok(count(some) > 1.5 * count(none) && count(some) < 0.6 * count(all), `${count(none)} ${count(some)} ${count(all)}`);
+    const missing = await refined('doi=attribute&attribute=doi');
+    assert.equal(missing.status, 400);
+    assert.match(JSON.parse(missing.body).detail, /_DOI/);
+  } finally {
+    await own.stop();
+  }
 });
 
 test('contact is told as JSON', async () => {
