@@ -16,7 +16,7 @@ static int run(int argc, char **argv);
 static const struct cli_option kOptions[] = {
     {"output", 'o', "OUT.glb", "Where the refined model goes. Required, but for --contact."},
     {"contact", 0, NULL, "Print where --point touches the refined surface: point, normal, distance."},
-    {"values", 0, "FILE", "Interest of your own: 32-bit floats in [0, 1], one for each triangle of the base or three (its corners)."},
+    {"values", 0, "FILE", "Interest of your own: 32-bit floats in [0, 1], one for each triangle, corner or vertex of the base."},
     {"doi", 0, "LIST", "uniform, silhouette, curvature, screen, focus, gaze, contact, attribute, patches; several with commas."},
     {"combine", 0, "HOW", "How several interests combine: max (default) or product."},
     {"gather", 0, "HOW", "How values at edges and vertices become a triangle's: max (default), mean, min."},
@@ -36,7 +36,8 @@ static const struct cli_option kOptions[] = {
     {"point", 0, "X,Y,Z", "focus (several with semicolons), contact."},
     {"falloff", 0, "LENGTH", "Where interest has gone: focus; default a quarter of the model's size."},
     {"distance", 0, "FROM", "centre (default) or skeleton of a part: focus."},
-    {"attribute", 0, "CHANNEL", "red, green, blue, alpha, u or v: attribute."},
+    {"attribute", 0, "CHANNEL", "red, green, blue, alpha, u, v, or doi, the model's own (glTF _DOI, PLY property doi): attribute."},
+    {"per", 0, "WHAT", "What --values stand for: triangle, corner, vertex, or count (default): whichever their count fits."},
     {"threshold", 0, "ERROR", "Of equation 6: patches; default 1."},
     {"scheme", 0, "SCHEME", "loop (default), paper (other vertices stay unmoved), sqrt3."},
     {"crease", 0, "DEGREES", "Edges that bend more stay sharp; default none."},

@@ -109,6 +109,8 @@ void fill_attribute(lod_gltf_primitive *out, const std::string &name, int access
     out->normal = accessor;
   else if (name == "COLOR_0")
     out->color = accessor;
+  else if (name == "_DOI")
+    out->interest = accessor;
   else if (uv == 0 || uv == 1)
     out->uv[uv] = accessor;
   else if (joints >= 0 && joints < LOD_GLTF_SKIN_SETS)
@@ -122,7 +124,7 @@ void fill_attribute(lod_gltf_primitive *out, const std::string &name, int access
 }
 
 void fill_primitive(lod_gltf_primitive *out, const tinygltf::Primitive &in) {
-  *out = lod_gltf_primitive{in.mode, in.material, in.indices, -1, -1, {-1, -1}, -1, {-1, -1, -1, -1}, {-1, -1, -1, -1}, false, false};
+  *out = lod_gltf_primitive{in.mode, in.material, in.indices, -1, -1, {-1, -1}, -1, -1, {-1, -1, -1, -1}, {-1, -1, -1, -1}, false, false};
   for (const auto &attribute : in.attributes)
     fill_attribute(out, attribute.first, attribute.second);
 }

@@ -134,6 +134,33 @@ static enum lod_status read_colors(struct source *source, struct lod_mesh *mesh)
   return LOD_OK;
 }
 
+/* An interest of the model's own (refine: attribute=doi) travels as the colours' alpha, the one channel that all families and coders carry
+ * and that an opaque material does not draw. */
+static enum lod_status read_interest(struct source *source, struct lod_mesh *mesh) {
+  struct lod_gltf_document *document = source->document;
+  const struct lod_gltf_primitive *primitive = source->primitive;
+  const json_t *material = primitive->material >= 0 ? lod_gltf_object(document, "materials", (uint32_t)primitive->material) : NULL;
+  const char *mode = json_string_value(json_object_get(material, "alphaMode"));
+  float *values;
+  if (document->gltf.accessors[primitive->interest].components != 1)
+    return bad(source, "bad-accessor", "has a _DOI that is no scalar");
+  LOD_TRY(read_attribute(source, "_DOI", primitive->interest, 1, true, mesh->vertex_count, &values));
+  if (!mesh->colors) {
+    mesh->colors = lod_arena_alloc(document->reader->scratch, mesh->vertex_count, sizeof *mesh->colors);
+    if (!mesh->colors)
+      return lod_reader_memory(document->reader);
+    for (uint32_t v = 0; v < mesh->vertex_count; v++)
+      mesh->colors[v][0] = mesh->colors[v][1] = mesh->colors[v][2] = mesh->colors[v][3] = 1;
+  }
+  if (mode && strcmp(mode, "OPAQUE") != 0) {
+    lod_scene_warn(document->reader->scene, "_DOI of a primitive whose material is not opaque was dropped: it would change its looks.");
+    return LOD_OK;
+  }
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    mesh->colors[v][3] = values[v] >= 0 ? fminf(values[v], 1) : 0;
+  return LOD_OK;
+}
+
 static enum lod_status read_attributes(struct source *source, struct decoded *out) {
   const struct lod_gltf_primitive *primitive = source->primitive;
   struct lod_mesh *mesh = &out->mesh;
@@ -148,7 +175,9 @@ static enum lod_status read_attributes(struct source *source, struct decoded *ou
     LOD_TRY(read_attribute(source, set ? "TEXCOORD_1" : "TEXCOORD_0", primitive->uv[set], 2, false, mesh->vertex_count, &values));
     mesh->uvs[set] = (float(*)[2])(void *)values;
   }
-  return primitive->color >= 0 ? read_colors(source, mesh) : LOD_OK;
+  if (primitive->color >= 0)
+    LOD_TRY(read_colors(source, mesh));
+  return primitive->interest >= 0 ? read_interest(source, mesh) : LOD_OK;
 }
 
 /* --- skin --- */
@@ -358,12 +387,13 @@ static enum lod_status read_elements(struct source *source, struct decoded *out)
 
 static uint32_t group_of(const struct lod_gltf_primitive *primitive) {
   return (uint32_t)(primitive->normal >= 0) | (uint32_t)(primitive->uv[0] >= 0) << 1 | (uint32_t)(primitive->uv[1] >= 0) << 2 |
-         (uint32_t)(primitive->color >= 0) << 3;
+         (uint32_t)(primitive->color >= 0 || primitive->interest >= 0) << 3;
 }
 
 static bool same_vertices(const struct lod_gltf_primitive *a, const struct lod_gltf_primitive *b) {
   return a->position == b->position && a->normal == b->normal && memcmp(a->uv, b->uv, sizeof a->uv) == 0 && a->color == b->color &&
-         memcmp(a->joints, b->joints, sizeof a->joints) == 0 && memcmp(a->weights, b->weights, sizeof a->weights) == 0;
+         a->interest == b->interest && memcmp(a->joints, b->joints, sizeof a->joints) == 0 &&
+         memcmp(a->weights, b->weights, sizeof a->weights) == 0;
 }
 
 static void warn_dropped(struct source *source) {
@@ -373,7 +403,7 @@ static void warn_dropped(struct source *source) {
   if (source->primitive->has_tangent)
     lod_scene_warn(scene, "Tangents were dropped; viewers compute them from normals and texture coordinates.");
   if (source->primitive->has_other)
-    lod_scene_warn(scene, "Vertex attributes other than POSITION, NORMAL, TEXCOORD_0, TEXCOORD_1 and COLOR_0 were dropped.");
+    lod_scene_warn(scene, "Vertex attributes other than POSITION, NORMAL, TEXCOORD_0, TEXCOORD_1, COLOR_0 and _DOI were dropped.");
   if (json_array_size(json_object_get(primitive, "targets")) > 0)
     lod_scene_warn(scene, "Morph targets were dropped; the model is in its rest pose.");
 }

@@ -43,6 +43,7 @@ enum meaning {
   kGreen,
   kBlue,
   kAlpha,
+  kInterest,
   kScalarMeanings,
   kIndices = kScalarMeanings,
   kTexcoord,
@@ -76,6 +77,8 @@ static const struct {
     {"g", kGreen},
     {"b", kBlue},
     {"a", kAlpha},
+    {"doi", kInterest},
+    {"interest", kInterest},
     {"diffuse_red", kRed},
     {"diffuse_green", kGreen},
     {"diffuse_blue", kBlue},
@@ -111,7 +114,7 @@ struct ply {
   char texture[256]; /* "comment TextureFile name" */
 
   struct lod_mesh mesh;
-  bool have_vertices;
+  bool have_vertices, has_interest;
   double rounding;
   struct lod_polygons polygons;
   uint32_t polygon_capacity; /* of the two arrays below */
@@ -391,12 +394,13 @@ static enum lod_status allocate_vertices(struct ply *ply, const struct element *
     ok = ok && (mesh->normals = lod_arena_calloc(arena, element->count, sizeof *mesh->normals)) != NULL;
   if (find(ply, element, kU) && find(ply, element, kV))
     ok = ok && (mesh->uvs[0] = lod_arena_calloc(arena, element->count, sizeof *mesh->uvs[0])) != NULL;
-  if (find(ply, element, kRed) && find(ply, element, kGreen) && find(ply, element, kBlue))
+  if ((find(ply, element, kRed) && find(ply, element, kGreen) && find(ply, element, kBlue)) || find(ply, element, kInterest))
     ok = ok && (mesh->colors = lod_arena_calloc(arena, element->count, sizeof *mesh->colors)) != NULL;
   if (!ok)
     return lod_reader_memory(ply->reader);
+  ply->has_interest = find(ply, element, kInterest) != NULL;
   for (uint32_t v = 0; mesh->colors && v < mesh->vertex_count; v++)
-    mesh->colors[v][3] = 1;
+    mesh->colors[v][0] = mesh->colors[v][1] = mesh->colors[v][2] = mesh->colors[v][3] = 1;
   return LOD_OK;
 }
 
@@ -421,6 +425,10 @@ static void store_scalar(struct ply *ply, uint32_t v, const struct property *pro
   } else if (m <= kV) {
     if (mesh->uvs[0])
       mesh->uvs[0][v][m - kU] = m == kV ? (float)(1 - value) : (float)value;
+  } else if (m == kInterest) { /* travels as alpha: gltf_mesh.c says why */
+    mesh->colors[v][3] = color_from(value, property->type, true);
+  } else if (m == kAlpha && ply->has_interest) {
+    return;
   } else if (m <= kAlpha && mesh->colors) {
     mesh->colors[v][m - kRed] = color_from(value, property->type, m == kAlpha);
   }

@@ -15,7 +15,8 @@ static const char *const kCombine[] = {"max", "product"};
 static const char *const kDistance[] = {"centre", "skeleton"};
 static const char *const kPositions[] = {"limit", "level"};
 static const char *const kEncodings[] = {"plain", "draco"};
-static const char *const kChannels[] = {"red", "green", "blue", "alpha", "u", "v"};
+static const char *const kChannels[] = {"red", "green", "blue", "alpha", "u", "v", "doi"};
+static const char *const kPers[LOD_PERS] = {"count", "triangle", "corner", "vertex"};
 
 const struct lod_refine_parameter_help lod_refine_parameters[] = {
     {"doi", "Interest: uniform, silhouette, curvature, screen, focus, gaze, contact, attribute, patches; up to four, separated by commas."},
@@ -37,7 +38,8 @@ const struct lod_refine_parameter_help lod_refine_parameters[] = {
     {"point", "x,y,z; several separated by semicolons: focus, contact."},
     {"falloff", "Distance at which interest has gone, model units: focus; default a quarter of the model's size."},
     {"distance", "From a part's centre or its skeleton: focus; default centre."},
-    {"attribute", "red, green, blue, alpha, u or v of the base: attribute."},
+    {"attribute", "red, green, blue, alpha, u or v of the base, or doi, the model's own (glTF _DOI, PLY property doi): attribute."},
+    {"per", "What the numbers sent stand for: triangle, corner, vertex, or count (default): whichever their count fits, in this order."},
     {"threshold", "Of eq. 6: patches; default 1."},
     {"scheme", "loop (default), paper (other vertices stay unmoved), sqrt3."},
     {"crease", "Degrees: edges that bend more stay sharp; default none."},
@@ -63,8 +65,9 @@ static uint32_t owners(const char *name) {
   static const struct {
     const char *name;
     uint32_t owners;
-  } kOwners[] = {{"form", S}, {"eye", S | X | G}, {"direction", S}, {"angle", S | C}, {"fov", X},      {"height", X},    {"px", X},
-                 {"look", G}, {"part", F},        {"point", F | T}, {"falloff", F},   {"distance", F}, {"attribute", A}, {"threshold", P}};
+  } kOwners[] = {{"form", S},    {"eye", S | X | G}, {"direction", S}, {"angle", S | C}, {"fov", X},
+                 {"height", X},  {"px", X},          {"look", G},      {"part", F},      {"point", F | T},
+                 {"falloff", F}, {"distance", F},    {"attribute", A}, {"per", A},       {"threshold", P}};
   for (size_t i = 0; i < sizeof kOwners / sizeof *kOwners; i++)
     if (strcmp(kOwners[i].name, name) == 0)
       return kOwners[i].owners;
@@ -294,6 +297,8 @@ static enum lod_status check_meaning(struct parser *p, struct lod_refine_query *
     return wrong(p, "combine", "'contact' refines step by step around a point and combines by max alone.");
   if (asks(q, LOD_INTEREST_ATTRIBUTE) && !values_sent && q->channel < 0)
     return wrong(p, "attribute", "'attribute' is missing: a channel of the base, or POST an array of numbers.");
+  if (!values_sent && find(p, "per") != NULL)
+    return wrong(p, "per", "'per' says what numbers sent stand for; POST an array of them.");
   if (values_sent && (!asks(q, LOD_INTEREST_ATTRIBUTE) || q->channel >= 0))
     return wrong(p, asks(q, LOD_INTEREST_ATTRIBUTE) ? "attribute" : "doi", "Numbers were sent, but 'doi' does not ask for them.");
   if (q->scheme != LOD_SCHEME_LOOP && (asks(q, LOD_INTEREST_CONTACT) || asks(q, LOD_INTEREST_ATTRIBUTE)))
@@ -306,7 +311,7 @@ enum lod_status lod_refine_query_parse(const struct lod_refine_parameter *list, 
                                        struct lod_problem *problem) {
   struct parser parser = {list, count, parameter, problem}, *p = &parser;
   uint64_t steps = 3;
-  int product = 0, form = 0, scheme = 0, skeleton = 0, positions = 0, encoding = 0;
+  int per = 0, product = 0, form = 0, scheme = 0, skeleton = 0, positions = 0, encoding = 0;
   *q = (struct lod_refine_query){.channel = -1};
   *parameter = 0;
   LOD_TRY(take_interests(p, q));
@@ -318,7 +323,9 @@ enum lod_status lod_refine_query_parse(const struct lod_refine_parameter *list, 
   LOD_TRY(take_name(p, "distance", kDistance, 2, &skeleton));
   LOD_TRY(take_name(p, "positions", kPositions, 2, &positions));
   LOD_TRY(take_name(p, "encoding", kEncodings, 2, &encoding));
-  LOD_TRY(take_name(p, "attribute", kChannels, 6, &q->channel));
+  LOD_TRY(take_name(p, "attribute", kChannels, sizeof kChannels / sizeof *kChannels, &q->channel));
+  LOD_TRY(take_name(p, "per", kPers, LOD_PERS, &per));
+  q->per = (enum lod_refine_per)per;
   q->product = product == 1;
   q->form = (enum lod_refine_form)form;
   q->scheme = (enum lod_refine_scheme)scheme;

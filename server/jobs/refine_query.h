@@ -34,6 +34,7 @@ enum lod_refine_interest {
   LOD_INTERESTS,
 };
 enum lod_refine_form { LOD_FORM_FACE, LOD_FORM_EDGE, LOD_FORM_STATIC, LOD_FORM_CONE, LOD_FORMS };
+enum lod_refine_per { LOD_PER_COUNT, LOD_PER_TRIANGLE, LOD_PER_CORNER, LOD_PER_VERTEX, LOD_PERS }; /* COUNT: as many as there are say */
 enum lod_refine_scheme { LOD_SCHEME_LOOP, LOD_SCHEME_PAPER, LOD_SCHEME_SQRT3, LOD_SCHEMES };
 
 struct lod_refine_query {
@@ -56,7 +57,8 @@ struct lod_refine_query {
   double points[LOD_REFINE_QUERY_OBJECTS][3];
   uint32_t point_count;
   bool skeleton;
-  int channel; /* attribute: 0 to 3 red, green, blue, alpha; 4, 5 u, v; -1 = values are sent with the request */
+  int channel; /* attribute: 0 to 3 red, green, blue, alpha; 4, 5 u, v; 6 the model's own interest; -1 = values are sent with the request */
+  enum lod_refine_per per;
   double crease, corner, touch;
   bool level_positions, draco;
 };

@@ -11,7 +11,7 @@
 #include "core/mesh/flatten.h"
 #include "core/refine/plain.h"
 
-enum { MAX_IMAGES = 256, MAX_TERMS = LOD_REFINE_QUERY_TERMS };
+enum { MAX_IMAGES = 256, MAX_TERMS = LOD_REFINE_QUERY_TERMS, CHANNEL_INTEREST = 6 };
 /* What was computed is kept until it holds this much; then the next request begins anew. */
 static const size_t kKeptBytes = (size_t)768 << 20;
 
@@ -210,42 +210,75 @@ static enum lod_status set_focus(struct terms *t, struct lod_doi_term *term) {
 }
 
 static float channel_of(const struct lod_mesh *mesh, uint32_t wedge, int channel) {
-  return channel < 4 ? mesh->colors[wedge][channel] : mesh->uvs[0][wedge][channel - 4];
+  return channel == CHANNEL_INTEREST ? mesh->colors[wedge][3]
+         : channel < 4               ? mesh->colors[wedge][channel]
+                                     : mesh->uvs[0][wedge][channel - 4];
 }
 
-/* Numbers by base vertex: the largest of its wedges', or of its corners'. */
-static enum lod_status set_attribute(struct terms *t, struct lod_doi_term *term) {
+static void raise(float *value, float to) {
+  *value = to > *value ? to : *value;
+}
+
+/* What `count` numbers stand for; LOD_PER_COUNT: nothing. */
+static enum lod_refine_per per_of(const struct lod_mesh *mesh, enum lod_refine_per asked, size_t count) {
+  const bool fits[LOD_PERS] = {false, count == mesh->triangle_count, count == 3 * (size_t)mesh->triangle_count,
+                               count == mesh->vertex_count || (mesh->wedge_count != 0 && count == mesh->wedge_count)};
+  if (asked != LOD_PER_COUNT)
+    return fits[asked] ? asked : LOD_PER_COUNT;
+  for (int per = LOD_PER_TRIANGLE; per < LOD_PERS; per++)
+    if (fits[per])
+      return (enum lod_refine_per)per;
+  return LOD_PER_COUNT;
+}
+
+/* The client's own numbers: as they are, one for each triangle; or by vertex, the largest where several are said. */
+static enum lod_status set_values(struct terms *t, struct lod_doi_term *term, float *by_vertex) {
   const struct lod_refine_request *request = t->request;
   const struct lod_mesh *mesh = &t->base->mesh;
-  int channel = request->query->channel;
-  if (channel < 0 && request->value_count == mesh->triangle_count) {
-    term->values = request->values;
-    term->values_by_triangle = true;
-    return LOD_OK;
-  }
+  enum lod_refine_per per = per_of(mesh, request->query->per, request->value_count);
+  if (per == LOD_PER_COUNT)
+    return lod_fail(
+        t->problem, LOD_BAD_INPUT, "bad-body",
+        "The body has %zu numbers; the base takes %u (one for each of its triangles), %llu (for each corner), %u (for each of its "
+        "vertices as they are decoded) or %u (for each position, vertices at one place being one).",
+        request->value_count, mesh->triangle_count, 3ull * mesh->triangle_count,
+        mesh->wedge_count != 0 ? mesh->wedge_count : mesh->vertex_count, mesh->vertex_count);
+  for (size_t i = 0; i < request->value_count; i++)
+    if (!(request->values[i] >= 0 && request->values[i] <= 1))
+      return lod_fail(t->problem, LOD_BAD_INPUT, "bad-body", "Number %zu of the body is %g; interest is in [0, 1].", i,
+                      (double)request->values[i]);
+  term->values = per == LOD_PER_TRIANGLE ? request->values : by_vertex;
+  term->values_by_triangle = per == LOD_PER_TRIANGLE;
+  if (per == LOD_PER_CORNER)
+    for (uint32_t c = 0; c < 3 * mesh->triangle_count; c++)
+      raise(&by_vertex[mesh->triangles[c / 3][c % 3]], request->values[c]);
+  else if (per == LOD_PER_VERTEX && request->value_count == mesh->vertex_count)
+    memcpy(by_vertex, request->values, mesh->vertex_count * sizeof *by_vertex);
+  else if (per == LOD_PER_VERTEX)
+    for (uint32_t w = 0; w < mesh->wedge_count; w++)
+      raise(&by_vertex[mesh->wedge_vertex[w]], request->values[w]);
+  return LOD_OK;
+}
+
+static enum lod_status set_attribute(struct terms *t, struct lod_doi_term *term) {
+  const struct lod_mesh *mesh = &t->base->mesh;
+  int channel = t->request->query->channel;
   float *values = LOD_NEW_ZERO(t->arena, mesh->vertex_count, float);
   if (values == NULL)
     return lod_fail_memory(t->problem);
-  term->values = values;
   if (channel < 0) {
-    if (request->value_count != 3 * (size_t)mesh->triangle_count) {
-      t->parameter[0] = 0;
-      return lod_fail(t->problem, LOD_BAD_INPUT, "bad-body",
-                      "The body has %zu numbers; the base has %u triangles, so it takes %u (one each) or %llu (one for each corner).",
-                      request->value_count, mesh->triangle_count, mesh->triangle_count, 3ull * mesh->triangle_count);
-    }
-    for (uint32_t c = 0; c < 3 * mesh->triangle_count; c++) {
-      float *value = &values[mesh->triangles[c / 3][c % 3]];
-      *value = request->values[c] > *value ? request->values[c] : *value;
-    }
-    return LOD_OK;
+    t->parameter[0] = 0;
+    return set_values(t, term, values);
   }
-  if (channel < 4 ? mesh->colors == NULL : mesh->uvs[0] == NULL)
-    return wrong(t, "attribute", "The base has no such attribute:", channel < 4 ? "vertex colours" : "texture coordinates");
-  for (uint32_t w = 0; w < mesh->wedge_count; w++) {
-    float value = channel_of(mesh, w, channel), *to = &values[mesh->wedge_vertex[w]];
-    *to = value > *to ? value : *to;
-  }
+  bool color = channel < 4 || channel == CHANNEL_INTEREST;
+  if (color ? mesh->colors == NULL : mesh->uvs[0] == NULL)
+    return wrong(t, "attribute", "The base has no such attribute:",
+                 channel == CHANNEL_INTEREST ? "an interest of its own (glTF _DOI, PLY property doi)"
+                 : color                     ? "vertex colours"
+                                             : "texture coordinates");
+  for (uint32_t w = 0; w < mesh->wedge_count; w++)
+    raise(&values[mesh->wedge_vertex[w]], channel_of(mesh, w, channel));
+  term->values = values;
   return LOD_OK;
 }
 

@@ -17,7 +17,7 @@ void lod_refine_base_destroy(struct lod_refine_base *base); /* NULL is allowed *
 
 struct lod_refine_request {
   const struct lod_refine_query *query;
-  const float *values; /* one for each triangle of the base, or three (its corners); or NULL */
+  const float *values; /* in [0, 1]; one for each triangle of the base, corner, vertex or position, as query->per says; or NULL */
   size_t value_count;
   uint64_t max_triangles;              /* whatever the query says: never more */
   const struct lod_progress *progress; /* may be NULL */

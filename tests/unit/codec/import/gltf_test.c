@@ -126,6 +126,34 @@ static void gpu_instancing_multiplies_instances(void **state) {
   test_import_end(&i);
 }
 
+static void an_interest_of_the_model_travels_as_alpha_of_what_is_opaque(void **state) {
+  (void)state;
+  static const struct { float positions[3][3], interest[3]; } kInterest = {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {0.5f, 2, -1}};
+  static const char *const kModes[] = {"OPAQUE", "BLEND"};
+  for (int k = 0; k < 2; k++) {
+    char json[1024];
+    snprintf(json, sizeof json,
+             "{" ASSET
+             ",\"buffers\":[{\"byteLength\":48}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,"
+             "\"byteLength\":12}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":1,"
+             "\"componentType\":5126,\"count\":3,\"type\":\"SCALAR\"}]," NODE "," SCENE ",\"materials\":[{\"alphaMode\":\"%s\"}],"
+             "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"_DOI\":1},\"material\":0}]}]}",
+             kModes[k]);
+    struct test_import i = test_import_glb(json, &kInterest, sizeof kInterest);
+    test_expect_ok(&i);
+    const struct lod_mesh *mesh = &i.model.units[0].mesh;
+    const float expected[2][3] = {{0.5f, 1, 0}, {1, 1, 1}};
+    for (int c = 0; c < 3; c++)
+      assert_true(mesh->colors[mesh->corners[0][c]][3] == expected[k][c] && mesh->colors[mesh->corners[0][c]][0] == 1);
+    assert_int_equal(i.model.warning_count, k);
+    test_import_end(&i);
+  }
+  struct test_import i = import_json("{" ASSET "," DATA "," NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,"
+                                     "\"_DOI\":2},\"indices\":1}]}]}");
+  assert_int_equal(i.status, LOD_BAD_INPUT); /* no scalar */
+  test_import_end(&i);
+}
+
 static void strips_and_fans_unroll_and_lines_and_points_stay_free(void **state) {
   (void)state;
   static const float corners[4][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}};
@@ -453,6 +481,7 @@ int main(void) {
       cmocka_unit_test(a_node_moves_turns_and_scales_its_triangle),
       cmocka_unit_test(a_mirrored_node_turns_triangles_over_and_keeps_normals_outside),
       cmocka_unit_test(a_mesh_under_two_nodes_is_one_part_with_two_instances_in_a_unit_of_its_own),
+      cmocka_unit_test(an_interest_of_the_model_travels_as_alpha_of_what_is_opaque),
       cmocka_unit_test(gpu_instancing_multiplies_instances),
       cmocka_unit_test(strips_and_fans_unroll_and_lines_and_points_stay_free),
       cmocka_unit_test(interleaved_quantised_positions_are_read_with_their_stride),

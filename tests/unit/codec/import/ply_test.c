@@ -125,6 +125,29 @@ static void faces_with_colours_split_the_vertices_into_wedges(void **state) {
   test_import_end(&i);
 }
 
+static void an_interest_of_the_model_travels_as_alpha(void **state) {
+  (void)state;
+  struct test_import i = import_text(
+      HEADER("ascii", "element vertex 3\n" XYZ "property float doi\nelement face 1\n" FACES) "0 0 0 0.25\n1 0 0 7\n1 1 0 -1\n3 0 1 2\n");
+  test_expect_ok(&i);
+  const struct lod_mesh *mesh = &i.model.units[0].mesh;
+  const float expected[3] = {0.25f, 1, 0};
+  for (int k = 0; k < 3; k++) {
+    const float *color = mesh->colors[mesh->corners[0][k]];
+    assert_true(color[0] == 1 && color[1] == 1 && color[2] == 1 && color[3] == expected[k]);
+  }
+  test_import_end(&i);
+  i = import_text(HEADER("ascii",
+                         "element vertex 3\n" XYZ "property uchar interest\nproperty uchar red\nproperty uchar green\n"
+                         "property uchar blue\nproperty uchar alpha\nelement face 1\n" FACES) "0 0 0 51 255 0 0 255\n1 0 0 0 0 255 0 "
+                                                                                              "255\n1 1 0 255 0 0 255 0\n3 0 1 2\n");
+  test_expect_ok(&i);
+  mesh = &i.model.units[0].mesh;
+  assert_true(mesh->colors[mesh->corners[0][0]][3] == 51 * (1 / 255.0f) && mesh->colors[mesh->corners[0][0]][0] == 1);
+  assert_true(mesh->colors[mesh->corners[0][2]][3] == 1 && mesh->colors[mesh->corners[0][2]][2] == 1);
+  test_import_end(&i);
+}
+
 static void corner_texcoords_are_kept_and_turned_upside_down(void **state) {
   (void)state;
   struct test_import i =
@@ -218,6 +241,7 @@ int main(void) {
       cmocka_unit_test(doubles_far_from_the_origin_are_rounded_within_the_stated_bound),
       cmocka_unit_test(a_big_endian_quad_of_doubles_keeps_its_colours_as_linear_light),
       cmocka_unit_test(every_prefix_of_a_file_is_refused),
+      cmocka_unit_test(an_interest_of_the_model_travels_as_alpha),
       cmocka_unit_test(faces_with_colours_split_the_vertices_into_wedges),
       cmocka_unit_test(corner_texcoords_are_kept_and_turned_upside_down),
       cmocka_unit_test(a_triangle_strip_turns_every_other_triangle_over),
