@@ -54,7 +54,7 @@ static void add_around(struct lod_refiner *r, struct ring *ring, uint32_t v, uin
         if (r->edges[middle.e[i]].v[0] == v || r->edges[middle.e[i]].v[1] == v)
           add_beside(r, ring, middle.e[i], v, k);
     }
-    s = r->edges[s].sibling;
+    s = refine_sibling(r, s);
   } while (s != e);
 }
 
@@ -77,7 +77,7 @@ struct nearest {
 static void try_face(struct lod_refiner *r, uint32_t f, struct lod_vec3 q, struct nearest *best) {
   struct lod_vec3 point;
   double d = distance2(r, f, q, &point);
-  uint64_t key = refine_key(&r->faces[f]);
+  uint64_t key = refine_key(r, f);
   best->tested++;
   if (d < best->distance2 || (d == best->distance2 && key < best->key)) {
     best->distance2 = d;
@@ -98,7 +98,7 @@ static bool over(const struct lod_refiner *r, const struct lod_refine_limits *l)
 static enum lod_status split_ring(struct lod_refiner *r, const struct ring *ring, const struct lod_refine_limits *limits) {
   for (uint32_t i = 0; i < ring->count; i++) {
     uint32_t f = ring->faces[i], chain[LOD_REFINE_MAX_LEVEL + 1], length = 0;
-    for (uint32_t g = f; g != LOD_NONE && !r->faces[g].split; g = r->faces[g].up)
+    for (uint32_t g = f; g != LOD_NONE && !r->faces[g].split; g = r->lineages[g].up)
       chain[length++] = g; /* f itself, then what has to be split for it to be drawn */
     while (length-- > 0) {
       if (r->faces[chain[length]].split)
@@ -120,7 +120,7 @@ static void finish(struct lod_refiner *r, const struct nearest *best, struct lod
   for (int i = 0; i < 3; i++) {
     float normal[3];
     p[i] = refine_limit_vec(r, r->faces[f].v[i]);
-    refine_normal(r, r->faces[f].v[i], r->faces[f].base, normal);
+    refine_normal(r, r->faces[f].v[i], r->lineages[f].base, normal);
     n[i] = lod_vec3_from_float(normal);
   }
   struct lod_vec3 flat = lod_vec3_cross(lod_vec3_subtract(p[1], p[0]), lod_vec3_subtract(p[2], p[0]));
@@ -135,7 +135,7 @@ static void finish(struct lod_refiner *r, const struct nearest *best, struct lod
                                   .normal = {sum.x, sum.y, sum.z},
                                   .distance = sqrt(best->distance2),
                                   .face = f,
-                                  .base = r->faces[f].base,
+                                  .base = r->lineages[f].base,
                                   .tested = best->tested};
 }
 

@@ -28,6 +28,7 @@ struct lod_refine_limits lod_refine_limits_defaults(void) {
 struct look {
   struct lod_refiner *r;
   struct face copy; /* the forest may move */
+  uint32_t face;
   struct lod_vec3 p[3], centre, normal;
   bool has_vertex_normals;
   struct lod_vec3 vertex_normals[3];
@@ -38,7 +39,7 @@ static struct lod_vec3 corner_normal(struct lod_vec3 a, struct lod_vec3 b, struc
 }
 
 static struct look look_at(struct lod_refiner *r, uint32_t f) {
-  struct look look = {.r = r, .copy = r->faces[f]};
+  struct look look = {.r = r, .copy = r->faces[f], .face = f};
   for (int i = 0; i < 3; i++) /* as they are drawn at this level */
     look.p[i] = r->settings.positions == LOD_REFINE_LIMIT ? refine_limit_vec(r, look.copy.v[i])
                                                           : refine_position(r, look.copy.v[i], look.copy.level);
@@ -47,10 +48,14 @@ static struct look look_at(struct lod_refiner *r, uint32_t f) {
   return look;
 }
 
+static uint32_t base_of(const struct look *look) {
+  return look->r->lineages[look->face].base;
+}
+
 static const struct lod_vec3 *vertex_normals(struct look *look) {
   for (int i = 0; i < 3 && !look->has_vertex_normals; i++) {
     float n[3];
-    refine_normal(look->r, look->copy.v[i], look->copy.base, n);
+    refine_normal(look->r, look->copy.v[i], base_of(look), n);
     look->vertex_normals[i] = lod_vec3_from_float(n);
   }
   look->has_vertex_normals = true;
@@ -93,7 +98,7 @@ static uint32_t neighbour(const struct lod_refiner *r, const struct face *face, 
   uint32_t e = face->e[i];
   const struct edge *edge = &r->edges[e];
   int other = edge->v[0] == face->v[i] ? 1 : 0;
-  if (edge->sibling != e)
+  if (edge->ringed)
     return LOD_NONE;
   if (edge->f[other] != LOD_NONE && r->faces[edge->f[other]].drawn)
     return edge->f[other];
@@ -240,7 +245,7 @@ static double focus(const struct lod_doi_term *term, struct look *look, uint32_t
   double best = 0;
   for (uint32_t i = 0; i < term->object_count; i++) {
     const struct lod_doi_object *object = &term->objects[i];
-    bool own = object->part != LOD_NONE && (parts == NULL || parts[look->copy.base] == object->part);
+    bool own = object->part != LOD_NONE && (parts == NULL || parts[base_of(look)] == object->part);
     /* From the point of the triangle that is nearest: its centre would make coarse triangles look far away. */
     double d = own ? 0 : INFINITY;
     for (int k = 0; k < 4 && !own; k++)
@@ -254,10 +259,10 @@ static double focus(const struct lod_doi_term *term, struct look *look, uint32_t
 }
 
 /* Barycentric weights of a face's corners in its base triangle, in units of 1 / 2^level. */
-static void face_weights(const struct face *face, uint32_t weights[3][3]) {
+static void face_weights(uint32_t path, uint32_t levels, uint32_t weights[3][3]) {
   uint32_t w[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  for (uint32_t level = 0; level < face->level; level++) {
-    uint32_t which = face->path >> 2 * level & 3, m[3][3];
+  for (uint32_t level = 0; level < levels; level++) {
+    uint32_t which = path >> 2 * level & 3, m[3][3];
     for (int i = 0; i < 3; i++)
       for (int k = 0; k < 3; k++)
         m[i][k] = w[i][k] + w[(i + 1) % 3][k]; /* the others double, so this is the middle */
@@ -284,11 +289,11 @@ static void face_weights(const struct face *face, uint32_t weights[3][3]) {
 
 static double attribute(const struct lod_doi_term *term, struct look *look, uint32_t steps) {
   if (term->values_by_triangle)
-    return graded((double)term->values[look->copy.base], look, steps);
+    return graded((double)term->values[base_of(look)], look, steps);
   uint32_t weights[3][3];
   double values[3] = {0, 0, 0};
-  const uint32_t *v = look->r->base.mesh.triangles[look->copy.base];
-  face_weights(&look->copy, weights);
+  const uint32_t *v = look->r->base.mesh.triangles[base_of(look)];
+  face_weights(look->r->lineages[look->face].path, look->copy.level, weights);
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 3; k++)
       values[i] += weights[i][k] * (double)term->values[v[k]] / (double)(1u << look->copy.level);

@@ -21,6 +21,13 @@ static int compare_wishes(const void *left, const void *right) {
   return before(left, right) ? -1 : before(right, left) ? 1 : 0;
 }
 
+/* Faces that wait to be split, in lists by urgency: interests within a quarter of a doubling are as urgent as each other, so that a list is
+ * walked in the order of the surface, which is that of memory. */
+enum { RANKS_A_DOUBLING = 4, RANKS = 16 * RANKS_A_DOUBLING + 1 };
+struct waiting {
+  uint32_t face, next;
+};
+
 struct run {
   struct lod_refiner *r;
   const struct lod_doi *doi;
@@ -28,23 +35,32 @@ struct run {
   const struct lod_progress *progress;
   struct lod_refine_stats *stats;
   struct lod_arena *scratch;
-  struct wish *wishes; /* a heap in run with a budget; else a queue */
+  struct waiting *list; /* of all ranks; without a budget a queue */
   uint32_t count, room;
+  uint32_t first[RANKS], last[RANKS]; /* LOD_NONE: nothing of that rank */
   uint32_t steps;
 };
 
 static bool add_room(struct run *run, uint32_t more) {
   if (run->room - run->count >= more)
     return true;
-  uint64_t room = (uint64_t)run->room * 2 + more + 256;
-  struct wish *grown = room < UINT32_MAX ? LOD_NEW(run->scratch, room, struct wish) : NULL;
+  uint64_t room = (uint64_t)run->room * 2 + more + 4096;
+  struct waiting *grown = room < UINT32_MAX ? LOD_NEW(run->scratch, room, struct waiting) : NULL;
   if (grown == NULL)
     return false;
   if (run->count != 0)
-    memcpy(grown, run->wishes, run->count * sizeof *grown);
-  run->wishes = grown;
+    memcpy(grown, run->list, run->count * sizeof *grown);
+  run->list = grown;
   run->room = (uint32_t)room;
   return true;
+}
+
+/* value: above 1. */
+static uint32_t rank_of(double value) {
+  uint64_t bits, one = UINT64_C(1023) * RANKS_A_DOUBLING;
+  memcpy(&bits, &value, sizeof bits);
+  uint64_t rank = (bits >> 50) - one; /* exponent and two bits of the fraction */
+  return rank < RANKS ? (uint32_t)rank : RANKS - 1;
 }
 
 static bool over(const struct run *run) {
@@ -72,72 +88,51 @@ static bool split_within(struct run *run, uint32_t f) {
 
 /* ---- all at once ---- */
 
-static void heap_push(struct run *run, struct wish wish) {
-  uint32_t at = run->count++;
-  for (uint32_t up; at > 0 && before(&wish, &run->wishes[up = (at - 1) / 2]); at = up)
-    run->wishes[at] = run->wishes[up];
-  run->wishes[at] = wish;
-}
-
-static struct wish heap_pop(struct run *run) {
-  struct wish top = run->wishes[0], last = run->wishes[--run->count];
-  uint32_t at = 0;
-  for (;;) {
-    uint32_t down = 2 * at + 1;
-    if (down >= run->count)
-      break;
-    if (down + 1 < run->count && before(&run->wishes[down + 1], &run->wishes[down]))
-      down++;
-    if (!before(&run->wishes[down], &last))
-      break;
-    run->wishes[at] = run->wishes[down];
-    at = down;
-  }
-  if (run->count != 0)
-    run->wishes[at] = last;
-  return top;
-}
-
-static bool consider(struct run *run, uint32_t f, bool heap) {
-  const struct face *face = &run->r->faces[f];
-  if (face->level >= run->steps)
+static bool consider(struct run *run, uint32_t f, bool ranked) {
+  if (run->r->faces[f].level >= run->steps)
     return true;
   if (!add_room(run, 1))
     return false;
-  struct wish wish = {.key = refine_key(face), .face = f};
-  if (!heap) {
-    run->wishes[run->count++] = wish;
+  if (!ranked) {
+    run->list[run->count++].face = f;
     return true;
   }
-  wish.value = lod_doi_value(run->r, run->doi, run->limits, f);
+  double value = lod_doi_value(run->r, run->doi, run->limits, f);
   run->stats->evaluated++;
-  if (wish.value > 1)
-    heap_push(run, wish);
+  if (!(value > 1))
+    return true;
+  uint32_t rank = rank_of(value), at = run->count++;
+  run->list[at] = (struct waiting){f, LOD_NONE};
+  if (run->first[rank] == LOD_NONE)
+    run->first[rank] = at;
+  else
+    run->list[run->last[rank]].next = at;
+  run->last[rank] = at;
   return true;
 }
 
 /* Children of all that the latest split opened. */
-static bool consider_journal(struct run *run, bool heap) {
+static bool consider_journal(struct run *run, bool ranked) {
   struct lod_refiner *r = run->r;
   for (uint32_t i = 0; i < r->journal_count; i++)
     for (uint32_t k = 0; k < 4; k++)
-      if (!consider(run, r->faces[r->journal[i]].child + k, heap))
+      if (!consider(run, r->faces[r->journal[i]].child + k, ranked))
         return false;
   return true;
 }
 
-static bool consider_leaves(struct run *run, uint32_t f, bool heap) {
+static bool consider_leaves(struct run *run, uint32_t f, bool ranked) {
   if (!run->r->faces[f].split)
-    return consider(run, f, heap);
+    return consider(run, f, ranked);
   for (uint32_t k = 0; k < 4; k++)
-    if (!consider_leaves(run, run->r->faces[f].child + k, heap))
+    if (!consider_leaves(run, run->r->faces[f].child + k, ranked))
       return false;
   return true;
 }
 
 static enum lod_status run_queue(struct run *run) {
   for (uint32_t at = 0; at < run->count; at++) {
-    uint32_t f = run->wishes[at].face;
+    uint32_t f = run->list[at].face;
     if (at % 1024 == 0 && lod_progress_cancelled(run->progress))
       return LOD_CANCELLED;
     if (run->r->faces[f].split)
@@ -156,23 +151,70 @@ static enum lod_status run_queue(struct run *run) {
 /* Faces that do not fit are passed over: something less urgent may need less. After many in a row nothing will. */
 enum { PATIENCE = 256 };
 
-static enum lod_status run_heap(struct run *run) {
-  uint32_t refused = 0, steps = 0;
-  while (run->count != 0 && refused < PATIENCE) {
-    struct wish wish = heap_pop(run);
-    if (steps++ % 1024 == 0 && lod_progress_cancelled(run->progress))
-      return LOD_CANCELLED;
-    if (run->r->faces[wish.face].split)
-      continue;
-    if (!split_within(run, wish.face)) {
-      refused++;
-      if (run->r->failed)
-        return LOD_MEMORY;
+/* What splitting a face will read, fetched while others are split: stage by stage, as each is found through the one before. */
+static void fetch(const struct lod_refiner *r, uint32_t f, int stage) {
+  const struct face *face = &r->faces[f];
+  if (stage == 0) {
+    __builtin_prefetch(face);
+    return;
+  }
+  for (int i = 0; i < 3; i++) {
+    const struct edge *edge = &r->edges[face->e[i]];
+    if (stage == 1) {
+      __builtin_prefetch(edge);
       continue;
     }
-    refused = 0;
-    if (!consider_journal(run, true))
-      return LOD_MEMORY;
+    if (edge->up != LOD_NONE)
+      __builtin_prefetch(&r->edges[edge->up]);
+    if (edge->middle != LOD_NONE)
+      __builtin_prefetch(&r->shown[edge->middle]);
+    for (int k = 0; k < 2; k++)
+      if (edge->f[k] != LOD_NONE && edge->f[k] != f)
+        __builtin_prefetch(&r->faces[edge->f[k]]);
+  }
+  if (stage == 2 && face->child != LOD_NONE) {
+    __builtin_prefetch(&r->faces[face->child]);
+    __builtin_prefetch(&r->faces[face->child + 2]);
+  }
+}
+
+/* Split one after the other: what is most urgent, all of it, then what is most urgent by then. */
+static enum lod_status run_ranks(struct run *run) {
+  enum { STAGES = 3, AHEAD = 3 };
+  uint32_t refused = 0, steps = 0;
+  for (int rank = RANKS; rank-- > 0;) {
+    uint32_t at = run->first[rank], ahead[STAGES];
+    if (at == LOD_NONE)
+      continue;
+    run->first[rank] = LOD_NONE;       /* what comes meanwhile is a list of its own */
+    for (int k = 0; k < STAGES; k++) { /* stage 0 is farthest ahead */
+      ahead[k] = at;
+      for (int i = 0; i < AHEAD * (STAGES - k) && ahead[k] != LOD_NONE; i++, ahead[k] = run->list[ahead[k]].next)
+        fetch(run->r, run->list[ahead[k]].face, k);
+    }
+    for (; at != LOD_NONE; at = run->list[at].next) {
+      uint32_t f = run->list[at].face;
+      for (int k = 0; k < STAGES; k++)
+        if (ahead[k] != LOD_NONE) {
+          fetch(run->r, run->list[ahead[k]].face, k);
+          ahead[k] = run->list[ahead[k]].next;
+        }
+      if (steps++ % 1024 == 0 && lod_progress_cancelled(run->progress))
+        return LOD_CANCELLED;
+      if (run->r->faces[f].split)
+        continue;
+      if (!split_within(run, f)) {
+        if (run->r->failed)
+          return LOD_MEMORY;
+        if (++refused == PATIENCE)
+          return LOD_OK;
+        continue;
+      }
+      refused = 0;
+      if (!consider_journal(run, true))
+        return LOD_MEMORY;
+    }
+    rank = RANKS; /* more urgent ones may have come */
   }
   return LOD_OK;
 }
@@ -193,6 +235,7 @@ static enum lod_status run_contacts(struct run *run) {
 
 static void start(struct run *run) {
   *run->stats = (struct lod_refine_stats){0};
+  memset(run->first, 0xff, sizeof run->first);
   run->steps = run->limits->steps < LOD_REFINE_MAX_LEVEL ? run->limits->steps : LOD_REFINE_MAX_LEVEL;
 }
 
@@ -203,16 +246,16 @@ enum lod_status lod_refine_run(struct lod_refiner *r, const struct lod_doi *doi,
   start(&run);
   if (r->failed || (run.scratch = lod_arena_create_child(r->arena)) == NULL)
     return LOD_MEMORY;
-  bool heap = has_budget(&run);
+  bool ranked = has_budget(&run);
   enum lod_status status = run_contacts(&run);
   for (uint32_t f = 0; f < r->base_faces && status == LOD_OK; f++) {
-    if (!consider_leaves(&run, f, heap))
+    if (!consider_leaves(&run, f, ranked))
       status = LOD_MEMORY;
     if (f % 4096 == 0 && lod_progress_cancelled(progress))
       status = LOD_CANCELLED;
   }
   if (status == LOD_OK)
-    status = heap ? run_heap(&run) : run_queue(&run);
+    status = ranked ? run_ranks(&run) : run_queue(&run);
   lod_arena_destroy(run.scratch);
   return r->failed ? LOD_MEMORY : status;
 }
@@ -233,7 +276,7 @@ static void survey(struct run *run, uint32_t f, struct frame *frame, uint32_t ma
     if (r->faces[face->child + k].split)
       last = false;
   if (leaf ? face->level < run->steps : last) {
-    struct wish wish = {lod_doi_value(r, run->doi, run->limits, f), refine_key(&r->faces[f]), f};
+    struct wish wish = {lod_doi_value(r, run->doi, run->limits, f), refine_key(r, f), f};
     run->stats->evaluated++;
     if (last && r->faces[f].level >= run->steps) /* steps became fewer */
       wish.value = -1;

@@ -22,8 +22,10 @@ struct emission {
   struct lod_refine_output *out;
   struct wedge *wedges;
   uint32_t wedge_count, wedge_room;
-  uint32_t *origin; /* output vertex -> vertex */
-  uint8_t *level;   /* output vertex -> finest leaf at it */
+  uint32_t triangle; /* of the base, under way */
+  uint32_t *origin;  /* output vertex -> vertex */
+  uint8_t *level;    /* output vertex -> finest leaf at it */
+  bool histories;    /* parents and ids are wanted */
   bool failed;
 };
 
@@ -55,7 +57,7 @@ static bool grow_wedges(struct emission *m) {
 
 static uint32_t find_wedge(struct emission *m, const struct corner *corner, uint32_t base) {
   struct lod_refiner *r = m->r;
-  struct ticket *ticket = &r->tickets[corner->vertex];
+  struct shown *ticket = &r->shown[corner->vertex];
   uint32_t key = wedge_key(r, base, corner->weight), vertex;
   if (ticket->stamp == r->epoch) {
     for (uint32_t w = ticket->wedge; w != LOD_NONE; w = m->wedges[w].next)
@@ -64,7 +66,8 @@ static uint32_t find_wedge(struct emission *m, const struct corner *corner, uint
     vertex = m->wedges[ticket->wedge].vertex;
   } else {
     vertex = m->out->mesh.vertex_count++;
-    *ticket = (struct ticket){r->epoch, LOD_NONE};
+    ticket->stamp = r->epoch;
+    ticket->wedge = LOD_NONE;
     m->origin[vertex] = corner->vertex;
     m->level[vertex] = 0;
   }
@@ -84,7 +87,7 @@ static void put(struct emission *m, const struct face *face, const struct corner
     return;
   uint32_t t = mesh->triangle_count++;
   for (int k = 0; k < 3; k++) {
-    uint32_t w = find_wedge(m, corners[k], face->base);
+    uint32_t w = find_wedge(m, corners[k], m->triangle);
     if (m->failed)
       return;
     uint32_t v = m->wedges[w].vertex;
@@ -93,7 +96,7 @@ static void put(struct emission *m, const struct face *face, const struct corner
     if (face->level > m->level[v])
       m->level[v] = face->level;
   }
-  m->out->base[t] = face->base;
+  m->out->base[t] = m->triangle;
   m->out->levels[t] = face->level;
   m->out->green[t] = green;
 }
@@ -230,23 +233,28 @@ static void fill_vertices(struct emission *m, uint32_t count) {
       memcpy(p, r->base.mesh.positions[r->vertices[from].origin], 3 * sizeof *p);
     else
       lod_vec3_to_float(refine_position(r, from, m->level[v]), p);
+    if (!m->histories)
+      continue;
     const struct vertex *vertex = &r->vertices[from];
     m->out->ids[v] = from;
     for (int k = 0; k < 2; k++)
-      m->out->parents[v][k] = vertex->level == 0 ? v : m->wedges[r->tickets[r->edges[vertex->origin].v[k]].wedge].vertex;
+      m->out->parents[v][k] = vertex->level == 0 ? v : m->wedges[r->shown[r->edges[vertex->origin].v[k]].wedge].vertex;
   }
 }
 
 /* Free edges and points of the base follow, on vertices that triangles use too or on their own. */
 static uint32_t free_vertex(struct emission *m, uint32_t base_vertex) {
-  struct ticket *ticket = &m->r->tickets[base_vertex];
+  struct shown *ticket = &m->r->shown[base_vertex];
   if (ticket->stamp == m->r->epoch)
     return m->wedges[ticket->wedge].vertex;
   if (ticket->stamp != m->r->epoch - 1) { /* an emission takes two numbers: this one marks what has no wedge */
-    *ticket = (struct ticket){m->r->epoch - 1, m->out->mesh.vertex_count++};
+    ticket->stamp = m->r->epoch - 1;
+    ticket->wedge = m->out->mesh.vertex_count++;
     memcpy(m->out->mesh.positions[ticket->wedge], m->r->base.mesh.positions[base_vertex], sizeof(float[3]));
-    m->out->parents[ticket->wedge][0] = m->out->parents[ticket->wedge][1] = ticket->wedge;
-    m->out->ids[ticket->wedge] = LOD_NONE;
+    if (m->histories) {
+      m->out->parents[ticket->wedge][0] = m->out->parents[ticket->wedge][1] = ticket->wedge;
+      m->out->ids[ticket->wedge] = LOD_NONE;
+    }
   }
   return ticket->wedge;
 }
@@ -285,8 +293,10 @@ static bool make_room(struct emission *m) {
   out->mesh.triangles = lod_arena_alloc(m->arena, triangles, sizeof *out->mesh.triangles);
   out->mesh.corners = lod_arena_alloc(m->arena, triangles, sizeof *out->mesh.corners);
   out->mesh.positions = lod_arena_alloc(m->arena, vertices, sizeof *out->mesh.positions);
-  out->parents = lod_arena_alloc(m->arena, vertices, sizeof *out->parents);
-  out->ids = LOD_NEW(m->arena, vertices, uint32_t);
+  if (m->histories) {
+    out->parents = lod_arena_alloc(m->arena, vertices, sizeof *out->parents);
+    out->ids = LOD_NEW(m->arena, vertices, uint32_t);
+  }
   out->base = LOD_NEW(m->arena, triangles, uint32_t);
   out->levels = LOD_NEW(m->arena, triangles, uint8_t);
   out->green = LOD_NEW(m->arena, triangles, bool);
@@ -294,9 +304,9 @@ static bool make_room(struct emission *m) {
   m->wedges = LOD_NEW(m->scratch, m->wedge_room, struct wedge);
   m->origin = LOD_NEW(m->scratch, vertices, uint32_t);
   m->level = LOD_NEW(m->scratch, vertices, uint8_t);
-  return out->mesh.triangles != NULL && out->mesh.corners != NULL && out->mesh.positions != NULL && out->parents != NULL &&
-         out->ids != NULL && out->base != NULL && out->levels != NULL && out->green != NULL && m->wedges != NULL && m->origin != NULL &&
-         m->level != NULL;
+  return out->mesh.triangles != NULL && out->mesh.corners != NULL && out->mesh.positions != NULL &&
+         (!m->histories || (out->parents != NULL && out->ids != NULL)) && out->base != NULL && out->levels != NULL && out->green != NULL &&
+         m->wedges != NULL && m->origin != NULL && m->level != NULL;
 }
 
 static bool emit(struct emission *m) {
@@ -306,6 +316,7 @@ static bool emit(struct emission *m) {
   r->epoch += 2;
   for (uint32_t f = 0; f < r->base_faces && !m->failed; f++) {
     const uint32_t *v = r->faces[f].v;
+    m->triangle = r->lineages[f].base;
     const struct corner corners[3] = {{v[0], {FULL, 0, 0}}, {v[1], {0, FULL, 0}}, {v[2], {0, 0, FULL}}};
     put_face(m, f, corners);
   }
@@ -317,10 +328,18 @@ static bool emit(struct emission *m) {
   return make_attributes(m) && make_triangle_tags(m) && copy_free(m) && !r->failed;
 }
 
-enum lod_status lod_refiner_mesh(struct lod_refiner *r, struct lod_arena *arena, struct lod_refine_output *output) {
+static enum lod_status emit_into(struct lod_refiner *r, struct lod_arena *arena, bool histories, struct lod_refine_output *output) {
   *output = (struct lod_refine_output){0};
-  struct emission m = {.r = r, .arena = arena, .out = output, .scratch = lod_arena_create_child(arena)};
+  struct emission m = {.r = r, .arena = arena, .out = output, .scratch = lod_arena_create_child(arena), .histories = histories};
   bool done = !r->failed && m.scratch != NULL && emit(&m);
   lod_arena_destroy(m.scratch);
   return done ? LOD_OK : LOD_MEMORY;
+}
+
+enum lod_status lod_refiner_mesh(struct lod_refiner *r, struct lod_arena *arena, struct lod_refine_output *output) {
+  return emit_into(r, arena, true, output);
+}
+
+enum lod_status lod_refiner_surface(struct lod_refiner *r, struct lod_arena *arena, struct lod_refine_output *output) {
+  return emit_into(r, arena, false, output);
 }

@@ -3,6 +3,7 @@
  * Children of face (v0, v1, v2) with middles m0 = v0 v1, m1 = v1 v2, m2 = v2 v0: (v0, m0, m2), (m0, v1, m1), (m2, m1, v2), (m1, m2, m0).
  * Inner edge i cuts corner i off: m_i to m_(i+2); child i lies left of it, the middle child right. Halves of an edge run its way. */
 #include <assert.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -12,13 +13,20 @@ struct lod_refine_settings lod_refine_defaults(void) {
   return (struct lod_refine_settings){.crease_degrees = 180, .corner_degrees = 180, .sharp_borders = true};
 }
 
+/* At a line of the cache: nodes of 32 bytes lie in one. */
+static void *alloc_lines(struct lod_arena *arena, size_t count, size_t size) {
+  enum { LINE = 64 };
+  char *block = count > SIZE_MAX / 2 / size ? NULL : lod_arena_alloc(arena, count * size + LINE, 1);
+  return block == NULL ? NULL : block + (LINE - (uintptr_t)block % LINE) % LINE;
+}
+
 bool refine_room(struct lod_refiner *r, void **array, uint32_t *room, uint32_t count, uint32_t more, size_t size) {
   if (more <= *room - count)
     return true;
   uint64_t wanted = (uint64_t)*room + *room / 2 + 256;
   if (wanted < (uint64_t)count + more)
     wanted = (uint64_t)count + more;
-  void *grown = wanted < UINT32_MAX / 2 ? lod_arena_alloc(r->arena, (size_t)wanted, size) : NULL;
+  void *grown = wanted < UINT32_MAX / 2 ? alloc_lines(r->nodes, (size_t)wanted, size) : NULL;
   if (grown == NULL) {
     r->failed = true;
     return false;
@@ -30,22 +38,51 @@ bool refine_room(struct lod_refiner *r, void **array, uint32_t *room, uint32_t c
   return true;
 }
 
-#define ROOM(r, list, more)                                                                                                                \
-  (!(r)->failed && refine_room((r), (void **)&(r)->list##s, &(r)->list##_room, (r)->list##_count, (more), sizeof *(r)->list##s))
-
-/* Three arrays of one length. */
+/* Two arrays of one length each. */
 static bool room_vertices(struct lod_refiner *r, uint32_t more) {
-  uint32_t room = r->vertex_room, shown = room, tickets = room;
+  uint32_t shown = r->vertex_room;
   return !r->failed && refine_room(r, (void **)&r->shown, &shown, r->vertex_count, more, sizeof *r->shown) &&
-         refine_room(r, (void **)&r->tickets, &tickets, r->vertex_count, more, sizeof *r->tickets) &&
          refine_room(r, (void **)&r->vertices, &r->vertex_room, r->vertex_count, more, sizeof *r->vertices);
+}
+static bool room_edges(struct lod_refiner *r, uint32_t more) {
+  uint32_t siblings = r->edge_room;
+  return !r->failed && refine_room(r, (void **)&r->siblings, &siblings, r->edge_count, more, sizeof *r->siblings) &&
+         refine_room(r, (void **)&r->edges, &r->edge_room, r->edge_count, more, sizeof *r->edges);
+}
+static bool room_faces(struct lod_refiner *r, uint32_t more) {
+  uint32_t lineages = r->face_room;
+  return !r->failed && refine_room(r, (void **)&r->lineages, &lineages, r->face_count, more, sizeof *r->lineages) &&
+         refine_room(r, (void **)&r->faces, &r->face_room, r->face_count, more, sizeof *r->faces);
+}
+static void make_shown(struct lod_refiner *r, uint32_t v) {
+  r->shown[v] = (struct shown){.limit = {NAN}, .normal = {NAN}};
+}
+
+bool refine_rooms(struct lod_refiner *r, uint32_t more) {
+  uint32_t vertices = r->vertex_count + more / 2, edges = r->edge_count + 3 * (more / 2), faces = r->face_count + more;
+  r->vertices = alloc_lines(r->nodes, vertices, sizeof *r->vertices);
+  r->shown = alloc_lines(r->nodes, vertices, sizeof *r->shown);
+  r->edges = alloc_lines(r->nodes, edges, sizeof *r->edges);
+  r->siblings = alloc_lines(r->nodes, edges, sizeof *r->siblings);
+  r->faces = alloc_lines(r->nodes, faces, sizeof *r->faces);
+  r->lineages = alloc_lines(r->nodes, faces, sizeof *r->lineages);
+  r->laters = alloc_lines(r->nodes, r->later_count + (size_t)1, sizeof *r->laters);
+  r->vertex_room = vertices;
+  r->edge_room = edges;
+  r->face_room = faces;
+  r->later_room = r->later_count + 1;
+  r->journal = NULL;
+  r->journal_count = r->journal_room = 0;
+  return r->vertices != NULL && r->shown != NULL && r->edges != NULL && r->siblings != NULL && r->faces != NULL && r->lineages != NULL &&
+         r->laters != NULL;
 }
 
 /* ---- growing ---- */
 
 static void make_edge(struct lod_refiner *r, uint32_t e, uint32_t a, uint32_t b, uint8_t level) {
-  r->edges[e] = (struct edge){
-      .v = {a, b}, .f = {LOD_NONE, LOD_NONE}, .middle = LOD_NONE, .child = LOD_NONE, .up = LOD_NONE, .sibling = e, .level = level};
+  r->edges[e] =
+      (struct edge){.v = {a, b}, .f = {LOD_NONE, LOD_NONE}, .middle = LOD_NONE, .child = LOD_NONE, .up = LOD_NONE, .level = level};
+  r->siblings[e] = e;
 }
 
 static bool uses_smooth_mask(const struct lod_refiner *r, const struct edge *e) {
@@ -81,12 +118,14 @@ static void make_halves(struct lod_refiner *r, uint32_t e, uint32_t middle) {
 static void link_halves(struct lod_refiner *r, uint32_t first) {
   for (uint32_t end = 0; end < 2; end++) {
     uint32_t v = r->edges[first].v[end], last = r->edges[first].child + end, head = last;
-    for (uint32_t s = r->edges[first].sibling; s != first; s = r->edges[s].sibling) {
+    for (uint32_t s = r->siblings[first]; s != first; s = r->siblings[s]) {
       uint32_t half = r->edges[s].child + (r->edges[s].v[0] == v ? 0 : 1);
-      r->edges[last].sibling = half;
+      r->siblings[last] = half;
+      r->edges[last].ringed = true;
       last = half;
     }
-    r->edges[last].sibling = head;
+    r->siblings[last] = head;
+    r->edges[last].ringed = true;
   }
 }
 
@@ -94,20 +133,20 @@ bool refine_split_edge(struct lod_refiner *r, uint32_t e) {
   if (r->edges[e].child != LOD_NONE)
     return true;
   uint32_t ring = 1;
-  for (uint32_t s = r->edges[e].sibling; s != e; s = r->edges[s].sibling)
+  for (uint32_t s = refine_sibling(r, e); s != e; s = refine_sibling(r, s))
     ring++;
-  if (!room_vertices(r, 1) || !ROOM(r, edge, 2 * ring))
+  if (!room_vertices(r, 1) || !room_edges(r, 2 * ring))
     return false;
   uint32_t middle = r->vertex_count++;
   const struct edge *edge = &r->edges[e];
-  r->tickets[middle] = (struct ticket){0};
+  make_shown(r, middle);
   r->vertices[middle] = (struct vertex){.origin = e,
                                         .later = LOD_NONE,
                                         .level = edge->level + 1,
                                         .rule = edge->sharp ? REFINE_CREASE : REFINE_SMOOTH,
                                         .masked = edge->smooth_mask};
   make_halves(r, e, middle);
-  for (uint32_t s = r->edges[e].sibling; s != e; s = r->edges[s].sibling)
+  for (uint32_t s = refine_sibling(r, e); s != e; s = refine_sibling(r, s))
     make_halves(r, s, middle);
   if (ring > 1)
     link_halves(r, e);
@@ -115,14 +154,10 @@ bool refine_split_edge(struct lod_refiner *r, uint32_t e) {
 }
 
 static void make_face(struct lod_refiner *r, uint32_t f, const uint32_t v[3], const uint32_t e[3], uint32_t up, uint32_t which) {
-  const struct face *parent = &r->faces[up];
-  r->faces[f] = (struct face){.v = {v[0], v[1], v[2]},
-                              .e = {e[0], e[1], e[2]},
-                              .child = LOD_NONE,
-                              .up = up,
-                              .base = parent->base,
-                              .path = parent->path | which << 2 * parent->level,
-                              .level = parent->level + 1};
+  uint8_t level = r->faces[up].level;
+  const struct lineage *line = &r->lineages[up];
+  r->faces[f] = (struct face){.v = {v[0], v[1], v[2]}, .e = {e[0], e[1], e[2]}, .child = LOD_NONE, .level = level + 1};
+  r->lineages[f] = (struct lineage){up, line->base, line->path | which << 2 * level};
   for (int i = 0; i < 3; i++) {
     struct edge *edge = &r->edges[e[i]];
     edge->f[edge->v[0] == v[i] ? 0 : 1] = f;
@@ -135,7 +170,7 @@ bool refine_make_children(struct lod_refiner *r, uint32_t f) {
   for (int i = 0; i < 3; i++)
     if (!refine_split_edge(r, r->faces[f].e[i]))
       return false;
-  if (!ROOM(r, edge, 3) || !ROOM(r, face, 4))
+  if (!room_edges(r, 3) || !room_faces(r, 4))
     return false;
   uint32_t inner = r->edge_count, child = r->face_count;
   r->edge_count += 3;
@@ -184,7 +219,7 @@ static uint32_t tell_leaves(struct lod_refiner *r, uint32_t e, uint32_t but, boo
       r->faces[f].active = on ? r->faces[f].active | bit : r->faces[f].active & (uint8_t)~bit;
       count++;
     }
-    s = r->edges[s].sibling;
+    s = refine_sibling(r, s);
   } while (s != e);
   return count;
 }
@@ -249,7 +284,7 @@ static bool split_beside(struct lod_refiner *r, uint32_t up, uint32_t but) {
       if (g != LOD_NONE && g != but && !r->faces[g].split && !split_face(r, g))
         return false;
     }
-    s = r->edges[s].sibling;
+    s = refine_sibling(r, s);
   } while (s != up);
   return true;
 }
@@ -263,7 +298,7 @@ static bool settle_beside(struct lod_refiner *r, uint32_t e, uint32_t but) {
       if (g != LOD_NONE && g != but && r->faces[g].drawn && !r->faces[g].split && r->faces[g].active == 7 && !split_face(r, g))
         return false;
     }
-    s = r->edges[s].sibling;
+    s = refine_sibling(r, s);
   } while (s != e);
   return true;
 }
@@ -271,7 +306,7 @@ static bool settle_beside(struct lod_refiner *r, uint32_t e, uint32_t but) {
 static bool split_face(struct lod_refiner *r, uint32_t f) {
   for (int i = 0; i < 3; i++) {
     uint32_t up = r->edges[r->faces[f].e[i]].up;
-    if (up != LOD_NONE && !split_beside(r, up, r->faces[f].up))
+    if (up != LOD_NONE && !split_beside(r, up, r->lineages[f].up))
       return false;
   }
   if (r->faces[f].split) /* a neighbour's settling came first */
@@ -350,11 +385,11 @@ static bool plant(struct lod_refiner *r) {
   const struct refine_base *b = &r->base;
   uint32_t v_count = b->mesh.vertex_count, e_count = b->edge_count, t_count = b->mesh.triangle_count;
   r->face_of = LOD_NEW(r->arena, t_count, uint32_t);
-  if (r->face_of == NULL || !room_vertices(r, v_count + v_count / 2 + 64) || !ROOM(r, edge, 2 * e_count + 64) ||
-      !ROOM(r, face, 2 * t_count + 64))
+  if (r->face_of == NULL || !room_vertices(r, v_count + v_count / 2 + 64) || !room_edges(r, 2 * e_count + 64) ||
+      !room_faces(r, 2 * t_count + 64))
     return false;
   for (uint32_t v = 0; v < v_count; v++) {
-    r->tickets[v] = (struct ticket){0};
+    make_shown(r, v);
     r->vertices[v] = (struct vertex){
         .p = {b->points[v][0], b->points[v][1], b->points[v][2]}, .origin = v, .later = LOD_NONE, .rule = b->rule[v], .has = HAS_POSITION};
   }
@@ -362,7 +397,8 @@ static bool plant(struct lod_refiner *r) {
     uint32_t h = b->edge_half[e];
     make_edge(r, e, lod_half_edge_start(&b->mesh, h), lod_half_edge_end(&b->mesh, h), 0);
     r->edges[e].sharp = b->edge_sharp[e];
-    r->edges[e].sibling = b->edge_sibling[e];
+    r->siblings[e] = b->edge_sibling[e];
+    r->edges[e].ringed = b->edge_sibling[e] != e;
   }
   r->vertex_count = v_count;
   r->edge_count = e_count;
@@ -373,7 +409,8 @@ static bool plant(struct lod_refiner *r) {
     if (b->edge_of[3 * t] == LOD_NONE)
       continue;
     uint32_t f = r->face_of[t] = r->face_count++;
-    r->faces[f] = (struct face){.child = LOD_NONE, .up = LOD_NONE, .base = t, .drawn = true};
+    r->faces[f] = (struct face){.child = LOD_NONE, .drawn = true};
+    r->lineages[f] = (struct lineage){LOD_NONE, t, 0};
     for (int i = 0; i < 3; i++) {
       uint32_t h = 3 * t + (uint32_t)i, e = b->edge_of[h];
       r->faces[f].v[i] = b->mesh.triangles[t][i];
@@ -396,8 +433,9 @@ enum lod_status lod_refiner_create(const struct lod_mesh *base, const struct lod
     return lod_fail_memory(problem);
   }
   r->arena = own;
+  r->nodes = lod_arena_create_child(own);
   r->settings = settings == NULL ? lod_refine_defaults() : *settings;
-  enum lod_status status = refine_base_create(base, &r->settings, own, &r->base, problem);
+  enum lod_status status = r->nodes == NULL ? lod_fail_memory(problem) : refine_base_create(base, &r->settings, own, &r->base, problem);
   if (status == LOD_OK && !plant(r))
     status = lod_fail_memory(problem);
   if (status != LOD_OK) {
@@ -436,7 +474,7 @@ uint32_t lod_refiner_face_level(const struct lod_refiner *r, uint32_t face) {
 }
 uint32_t lod_refiner_face_base(const struct lod_refiner *r, uint32_t face) {
   assert(face < r->face_count);
-  return r->faces[face].base;
+  return r->lineages[face].base;
 }
 uint32_t lod_refiner_face_children(const struct lod_refiner *r, uint32_t face) {
   assert(face < r->face_count);
@@ -490,7 +528,7 @@ bool lod_refiner_check(struct lod_refiner *r) {
     if (drawn != r->edges[e].active)
       return false;
     bool first = true; /* the lowest of the ring counts its middle */
-    while ((s = r->edges[s].sibling) != e)
+    while ((s = refine_sibling(r, s)) != e)
       first &= s > e;
     middles += first && refine_edge_active(r, e);
   }

@@ -45,7 +45,7 @@ static inline uint32_t refine_third(const struct refine_base *base, uint32_t h) 
   return base->mesh.triangles[h / 3][(h % 3 + 2) % 3];
 }
 
-enum vertex_has { HAS_POSITION = 1, HAS_LIMIT = 2, HAS_NORMAL = 4, HAS_USER = 8 };
+enum vertex_has { HAS_POSITION = 1, HAS_USER = 2 };
 
 struct vertex {
   double p[3];     /* at the level it is born at */
@@ -55,39 +55,40 @@ struct vertex {
   bool masked; /* middle by the smooth mask */
 };
 
-/* What interests and output read most, apart so that it stays in the cache. */
+/* What interests and output read most, apart so that it stays in the cache: 32 bytes, like an edge and a face. */
 struct shown {
-  float limit[3];  /* HAS_LIMIT */
-  float normal[3]; /* HAS_NORMAL; of REFINE_SMOOTH alone */
-};
-
-struct ticket {
-  uint32_t stamp; /* emission that `wedge` belongs to */
-  uint32_t wedge; /* first wedge of this emission, or for a vertex of free edges alone its number */
+  float limit[3];  /* [0] not a number: not computed yet */
+  float normal[3]; /* likewise, with the limit; of REFINE_SMOOTH alone */
+  uint32_t stamp;  /* emission that `wedge` belongs to */
+  uint32_t wedge;  /* first wedge of this emission, or for a vertex of free edges alone its number */
 };
 
 struct edge {
   uint32_t v[2];
-  uint32_t f[2];    /* left, right of v[0] -> v[1] at this level; LOD_NONE = not made, or none */
-  uint32_t middle;  /* LOD_NONE until split */
-  uint32_t child;   /* v[0]..middle, and the next number middle..v[1] */
-  uint32_t up;      /* the edge it is half of, or LOD_NONE: of the base, or inside a face */
-  uint32_t sibling; /* ring; itself when alone */
+  uint32_t f[2];   /* left, right of v[0] -> v[1] at this level; LOD_NONE = not made, or none */
+  uint32_t middle; /* LOD_NONE until split */
+  uint32_t child;  /* v[0]..middle, and the next number middle..v[1] */
+  uint32_t up;     /* the edge it is half of, or LOD_NONE: of the base, or inside a face */
   uint8_t level;
-  bool sharp, smooth_mask; /* smooth_mask: its middle has four parents */
-  uint16_t active;         /* drawn-split faces on it (this edge's own sides) */
+  bool sharp : 1, smooth_mask : 1; /* smooth_mask: its middle has four parents */
+  bool ringed : 1;                 /* has siblings */
+  uint16_t active;                 /* drawn-split faces on it (this edge's own sides) */
 };
 
 struct face {
   uint32_t v[3];
   uint32_t e[3]; /* e[i] between v[i] and v[i + 1] */
-  uint32_t child, up;
-  uint32_t base;
-  uint32_t path; /* 2 bits a level, the base's child in the lowest two */
+  uint32_t child;
   uint8_t level;
   bool split;     /* drawn as its children */
   bool drawn;     /* in the cut or above it */
   uint8_t active; /* of a leaf: bit i = edge i has a drawn middle */
+};
+
+/* Of a face, read less often. */
+struct lineage {
+  uint32_t up, base;
+  uint32_t path; /* 2 bits a level, the base's child in the lowest two */
 };
 
 struct later {
@@ -97,17 +98,20 @@ struct later {
 
 struct lod_refiner {
   struct lod_arena *arena; /* child: all memory */
+  struct lod_arena *nodes; /* child of that: the arrays of the forest */
   struct refine_base base;
   struct lod_refine_settings settings;
   struct vertex *vertices;
-  struct shown *shown;    /* by vertex */
-  struct ticket *tickets; /* by vertex */
+  struct shown *shown; /* by vertex */
   struct edge *edges;
+  uint32_t *siblings; /* by edge; ring of edges between the same two vertices; itself when alone */
   struct face *faces;
+  struct lineage *lineages; /* by face */
   struct later *laters;
   uint32_t vertex_count, edge_count, face_count, later_count;
   uint32_t vertex_room, edge_room, face_room, later_room;
-  uint32_t *face_of; /* base triangle -> face */
+  uint32_t packed_faces; /* when lod_refiner_pack was called last */
+  uint32_t *face_of;     /* base triangle -> face */
   uint32_t base_faces;
   uint32_t drawn_triangles, drawn_vertices, epoch;
   uint32_t *journal; /* faces split by the latest lod_refiner_split, in order */
@@ -124,6 +128,8 @@ bool refine_make_children(struct lod_refiner *r, uint32_t face);
 bool refine_split_edge(struct lod_refiner *r, uint32_t edge);
 /* The face of the edge's own level on side s, made when it is not there; LOD_NONE where the surface ends, or memory is out. */
 uint32_t refine_side(struct lod_refiner *r, uint32_t edge, int s);
+/* Fresh arrays in r->nodes with room for what there is and for `more` faces; r->failed stays as it is. */
+bool refine_rooms(struct lod_refiner *r, uint32_t more);
 bool refine_room(struct lod_refiner *r, void **array, uint32_t *room, uint32_t count, uint32_t more, size_t size);
 
 /* Position at a level (>= the vertex's own), on the limit surface, and the normal on one side of what is sharp: `corner` is the face and
@@ -135,12 +141,19 @@ static inline struct lod_vec3 refine_limit_vec(struct lod_refiner *r, uint32_t v
   return lod_vec3_from_float(refine_limit(r, vertex));
 }
 
+/* The next of the edges between the same two vertices; itself when it is alone. */
+static inline uint32_t refine_sibling(const struct lod_refiner *r, uint32_t edge) {
+  return r->edges[edge].ringed ? r->siblings[edge] : edge;
+}
+
 /* Whether a leaf's edge has a drawn middle. */
 static inline bool refine_edge_active(const struct lod_refiner *r, uint32_t edge) {
   const struct edge *e = &r->edges[edge];
   if (e->active != 0)
     return true;
-  for (uint32_t s = e->sibling; s != edge; s = r->edges[s].sibling)
+  if (!e->ringed)
+    return false;
+  for (uint32_t s = r->siblings[edge]; s != edge; s = r->siblings[s])
     if (r->edges[s].active != 0)
       return true;
   return false;
@@ -153,8 +166,8 @@ static inline int refine_local(const struct face *f, uint32_t edge) {
 /* Undoes the splits that the latest lod_refiner_split made. */
 void refine_undo(struct lod_refiner *r);
 /* Total order of faces that does not depend on history. */
-static inline uint64_t refine_key(const struct face *f) {
-  return (uint64_t)f->level << 56 | (uint64_t)f->base << 24 | f->path; /* coarse before fine */
+static inline uint64_t refine_key(const struct lod_refiner *r, uint32_t f) {
+  return (uint64_t)r->faces[f].level << 56 | (uint64_t)r->lineages[f].base << 24 | r->lineages[f].path; /* coarse before fine */
 }
 
 struct lod_contact;

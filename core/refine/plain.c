@@ -245,7 +245,7 @@ static enum lod_status step(const struct lod_mesh *from, const uint8_t *pending,
   for (uint32_t f = 0; f < r->base_faces && flags != NULL; f++) {
     double value = lod_doi_value(r, doi, limits, f);
     if (value > 1)
-      flags[(*count)++] = (struct flag){value, r->faces[f].base};
+      flags[(*count)++] = (struct flag){value, r->lineages[f].base};
   }
   struct stepwise s;
   enum lod_status status = flags == NULL || r->failed || !stepwise_init(&s, &r->base, pending, arena, r->arena, mesh) ? LOD_MEMORY : LOD_OK;

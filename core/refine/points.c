@@ -1,4 +1,5 @@
 /* Positions of a vertex at its levels, its place and normal in the limit: each computed when first asked for, and kept. */
+#include <math.h>
 #include <string.h>
 
 #include "core/refine/internal.h"
@@ -165,7 +166,6 @@ static uint32_t full_ring(struct lod_refiner *r, uint32_t v, struct lod_vec3 *ri
 
 static void set_limit(struct lod_refiner *r, uint32_t v, struct lod_vec3 p) {
   lod_vec3_to_float(p, r->shown[v].limit);
-  r->vertices[v].has |= HAS_LIMIT;
 }
 
 /* Both from one ring. */
@@ -190,13 +190,12 @@ static void smooth_limit(struct lod_refiner *r, uint32_t v) {
   }
   set_limit(r, v, p);
   refine_store_normal(normal, r->shown[v].normal);
-  r->vertices[v].has |= HAS_NORMAL;
   lod_arena_destroy(scratch);
 }
 
 const float *refine_limit(struct lod_refiner *r, uint32_t v) {
   static const float kZero[3];
-  if (r->vertices[v].has & HAS_LIMIT)
+  if (!isnan(r->shown[v].limit[0]))
     return r->shown[v].limit;
   if (r->failed)
     return kZero;
@@ -210,7 +209,6 @@ const float *refine_limit(struct lod_refiner *r, uint32_t v) {
     set_limit(r, v, refine_limit_crease(p, a, b));
   } else if (k == 0) { /* stays: the base's own float */
     memcpy(r->shown[v].limit, r->base.mesh.positions[r->vertices[v].origin], sizeof r->shown[v].limit);
-    r->vertices[v].has |= HAS_LIMIT;
   }
   return r->failed ? kZero : r->shown[v].limit;
 }
@@ -276,11 +274,11 @@ static struct lod_vec3 base_sector_normal(struct lod_refiner *r, uint32_t v, uin
 static int base_side(const struct lod_refiner *r, uint32_t *e, uint32_t t) {
   for (uint32_t s = *e;;) {
     for (int k = 0; k < 2; k++)
-      if (r->edges[s].f[k] != LOD_NONE && r->faces[r->edges[s].f[k]].base == t) {
+      if (r->edges[s].f[k] != LOD_NONE && r->lineages[r->edges[s].f[k]].base == t) {
         *e = s;
         return k;
       }
-    s = r->edges[s].sibling;
+    s = refine_sibling(r, s);
     if (s == *e)
       return -1;
   }
@@ -294,7 +292,7 @@ static uint32_t sibling_under(const struct lod_refiner *r, uint32_t e, uint32_t 
       top = r->edges[top].up;
     if (top == root)
       return s;
-    s = r->edges[s].sibling;
+    s = refine_sibling(r, s);
     if (s == e)
       return e;
   }
@@ -322,7 +320,9 @@ void refine_normal(struct lod_refiner *r, uint32_t v, uint32_t base_triangle, fl
   memset(normal, 0, 3 * sizeof *normal);
   if (r->failed)
     return;
-  if (r->vertices[v].rule == REFINE_SMOOTH) {
+  if (!isnan(r->shown[v].normal[0])) {
+    memcpy(normal, r->shown[v].normal, 3 * sizeof *normal);
+  } else if (r->vertices[v].rule == REFINE_SMOOTH) {
     refine_limit(r, v);
     memcpy(normal, r->shown[v].normal, 3 * sizeof *normal);
   } else if (r->vertices[v].level == 0) {

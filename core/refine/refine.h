@@ -54,6 +54,10 @@ void lod_refiner_destroy(struct lod_refiner *refiner);
 
 /* Draws the base again; keeps what was computed. */
 void lod_refiner_reset(struct lod_refiner *refiner);
+/* Renumbers what was computed in the order of drawing, when enough is new: splitting and drawing then walk through memory instead of
+ * jumping. What is drawn stays; faces and ids have other numbers afterwards. False: it was not worth while, or memory had no room; nothing
+ * changed. */
+bool lod_refiner_pack(struct lod_refiner *refiner);
 /* Bytes held by what was computed. */
 size_t lod_refiner_bytes(const struct lod_refiner *refiner);
 /* Triangles and vertices that lod_refiner_mesh would give, green ones included; kept up to date. */
@@ -98,6 +102,8 @@ struct lod_refine_output {
  * wedges with limit normals (apart along sharp edges and the base's seams) and the base's other attributes; free edges and points of the
  * base follow unchanged. LOD_MEMORY alone. */
 LOD_WARN_UNUSED enum lod_status lod_refiner_mesh(struct lod_refiner *refiner, struct lod_arena *arena, struct lod_refine_output *output);
+/* The same without parents and ids, which are NULL. */
+LOD_WARN_UNUSED enum lod_status lod_refiner_surface(struct lod_refiner *refiner, struct lod_arena *arena, struct lod_refine_output *output);
 
 /* The drawn position of what every triangle of level `steps` would be, without a forest: the fast way when all is refined. The same bits
  * as a refiner whose leaves all have that level, vertices numbered by level, triangles by base triangle and child. LOD_LIMIT

@@ -131,7 +131,7 @@ enum lod_status lod_errands_join(struct lod_errands *errands, struct lod_errand 
   enum lod_status status = lod_pool_submit(errands->pool, &errand->job, &full);
   if (status == LOD_OK)
     return LOD_OK;
-  errand->job.problem = full; /* for those who joined meanwhile */
+  errand->job.problem = full;         /* for those who joined meanwhile */
   bool waited = tell(errand, waiter); /* else it left, and was told then */
   lod_errand_release(errand);
   return waited ? lod_fail(problem, status, full.type, "%s", full.detail) : LOD_OK;

@@ -43,7 +43,7 @@ struct lod_waiter {
 struct lod_errands *lod_errands_create(struct lod_pool *pool);
 void lod_errands_destroy(struct lod_errands *errands); /* after the pool; NULL is allowed */
 
-struct lod_errand *lod_errand_create(void);           /* one holder; NULL: memory */
+struct lod_errand *lod_errand_create(void);         /* one holder; NULL: memory */
 void lod_errand_release(struct lod_errand *errand); /* NULL is allowed */
 
 /* Submits `errand`, or waits for an equal one that is under way. LOD_OK: done follows, maybe before this returns. Else it does not: the

@@ -45,8 +45,8 @@ void lod_answers_keep(struct lod_answers *answers, const char *id, const char *k
 void lod_answers_forget(struct lod_answers *answers, const char *id);
 
 struct lod_answers_counts {
-  uint64_t files, bytes;                   /* now */
-  uint64_t hits, written, evicted, lost;   /* since the start; lost: not written, or found damaged */
+  uint64_t files, bytes;                 /* now */
+  uint64_t hits, written, evicted, lost; /* since the start; lost: not written, or found damaged */
 };
 struct lod_answers_counts lod_answers_counts(struct lod_answers *answers);
 

@@ -376,7 +376,7 @@ static enum lod_status refine_loop(struct lod_refine_base *base, const struct lo
   LOD_TRY(ready(base, &settings, problem));
   enum lod_status status = lod_refine_run(base->refiner, doi, &limits, request->progress, &stats);
   if (status == LOD_OK)
-    status = lod_refiner_mesh(base->refiner, base->answer_arena, &output);
+    status = lod_refiner_surface(base->refiner, base->answer_arena, &output);
   if (status == LOD_CANCELLED)
     return lod_fail(problem, status, "cancelled", "The refinement was cancelled.");
   if (status != LOD_OK)
@@ -434,6 +434,11 @@ enum lod_status lod_refine_answer(struct lod_refine_base *base, const struct lod
   if (status != LOD_OK && problem != NULL && problem->status == LOD_OK)
     *problem = first;
   return status;
+}
+
+void lod_refine_base_tidy(struct lod_refine_base *base) {
+  if (base->refiner != NULL)
+    (void)lod_refiner_pack(base->refiner);
 }
 
 enum lod_status lod_refine_touch(struct lod_refine_base *base, const struct lod_refine_query *query, struct lod_contact *contact,

@@ -15,6 +15,9 @@ LOD_WARN_UNUSED enum lod_status lod_refine_base_create(const char *name, const u
                                                        struct lod_refine_base **base, struct lod_problem *problem);
 void lod_refine_base_destroy(struct lod_refine_base *base); /* NULL is allowed */
 
+/* To be called when nobody waits: makes later requests faster. */
+void lod_refine_base_tidy(struct lod_refine_base *base);
+
 struct lod_refine_request {
   const struct lod_refine_query *query;
   const float *values; /* in [0, 1]; one for each triangle of the base, corner, vertex or position, as query->per says; or NULL */

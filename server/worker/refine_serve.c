@@ -217,6 +217,8 @@ static bool answer(struct serving *s) {
                                                   : answer_refine(s, base, &asked, parameter, &problem, &sent);
   if (!answered)
     sent = send_problem(&problem, parameter);
+  if (base != NULL && sent)
+    lod_refine_base_tidy(base);
   free(asked.values);
   json_decref(asked.json);
   return sent;

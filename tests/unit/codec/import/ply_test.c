@@ -137,10 +137,10 @@ static void an_interest_of_the_model_travels_as_alpha(void **state) {
     assert_true(color[0] == 1 && color[1] == 1 && color[2] == 1 && color[3] == expected[k]);
   }
   test_import_end(&i);
-  i = import_text(HEADER("ascii",
-                         "element vertex 3\n" XYZ "property uchar interest\nproperty uchar red\nproperty uchar green\n"
-                         "property uchar blue\nproperty uchar alpha\nelement face 1\n" FACES) "0 0 0 51 255 0 0 255\n1 0 0 0 0 255 0 "
-                                                                                              "255\n1 1 0 255 0 0 255 0\n3 0 1 2\n");
+  i = import_text(
+      HEADER("ascii", "element vertex 3\n" XYZ "property uchar interest\nproperty uchar red\nproperty uchar green\n"
+                      "property uchar blue\nproperty uchar alpha\nelement face 1\n" FACES) "0 0 0 51 255 0 0 255\n1 0 0 0 0 255 0 "
+                                                                                           "255\n1 1 0 255 0 0 255 0\n3 0 1 2\n");
   test_expect_ok(&i);
   mesh = &i.model.units[0].mesh;
   assert_true(mesh->colors[mesh->corners[0][0]][3] == 51 * (1 / 255.0f) && mesh->colors[mesh->corners[0][0]][0] == 1);

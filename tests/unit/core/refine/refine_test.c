@@ -241,6 +241,52 @@ static void test_splits_and_merges_keep_every_promise(void **state) {
   lod_arena_destroy(arena);
 }
 
+static void assert_same_mesh(const struct lod_refine_output *a, const struct lod_refine_output *b) {
+  assert_int_equal(a->mesh.triangle_count, b->mesh.triangle_count);
+  assert_int_equal(a->mesh.vertex_count, b->mesh.vertex_count);
+  assert_int_equal(a->mesh.wedge_count, b->mesh.wedge_count);
+  assert_memory_equal(a->mesh.triangles, b->mesh.triangles, a->mesh.triangle_count * sizeof(uint32_t[3]));
+  assert_memory_equal(a->mesh.corners, b->mesh.corners, a->mesh.triangle_count * sizeof(uint32_t[3]));
+  assert_memory_equal(a->mesh.positions, b->mesh.positions, a->mesh.vertex_count * sizeof(float[3]));
+  assert_memory_equal(a->mesh.normals, b->mesh.normals, a->mesh.wedge_count * sizeof(float[3]));
+  assert_memory_equal(a->levels, b->levels, a->mesh.triangle_count);
+}
+
+/* One refiner is packed again and again, the other never: both draw the same and go on alike. */
+static void test_packing_changes_numbers_and_nothing_else(void **state) {
+  (void)state;
+  for (int shape = 0; shape < 3; shape++)
+    for (int level_mode = 0; level_mode < 2; level_mode++) {
+      struct lod_arena *arena = arena_of();
+      struct lod_mesh base = shape == 0 ? lod_shape_torus(arena, 2, 0.6, 24, 12) : shape == 1 ? book(arena) : join3(arena);
+      struct lod_refine_settings settings = lod_refine_defaults();
+      settings.positions = level_mode ? LOD_REFINE_LEVEL : LOD_REFINE_LIMIT;
+      struct lod_refiner *packed = refiner_of(arena, &base, &settings), *plain = refiner_of(arena, &base, &settings);
+      uint32_t packs = 0;
+      for (uint64_t round = 0; round < 6; round++) {
+        uint64_t seeds[2] = {round, round};
+        if (round == 3) {
+          lod_refiner_reset(packed);
+          lod_refiner_reset(plain);
+        }
+        split_somewhere(packed, &base, 1500, 7, &seeds[0]);
+        split_somewhere(plain, &base, 1500, 7, &seeds[1]);
+        packs += lod_refiner_pack(packed);
+        assert_true(lod_refiner_check(packed));
+        struct lod_refine_output a = mesh_of(packed, arena), b = mesh_of(plain, arena), c;
+        assert_same_mesh(&a, &b);
+        assert_int_equal(lod_refiner_surface(packed, arena, &c), LOD_OK);
+        assert_same_mesh(&a, &c);
+        assert_true(c.parents == NULL && c.ids == NULL);
+      }
+      assert_true(packs >= 1);
+      assert_false(lod_refiner_pack(packed) && lod_refiner_pack(packed)); /* nothing new */
+      lod_refiner_destroy(packed);
+      lod_refiner_destroy(plain);
+      lod_arena_destroy(arena);
+    }
+}
+
 static void test_a_closed_surface_split_everywhere_can_be_merged_again(void **state) {
   (void)state;
   struct lod_arena *arena = arena_of();
@@ -509,6 +555,7 @@ int main(void) {
       cmocka_unit_test(test_refined_areas_equal_uniform_subdivision_bit_for_bit),
       cmocka_unit_test(test_all_of_a_level_is_uniform_subdivision),
       cmocka_unit_test(test_splits_and_merges_keep_every_promise),
+      cmocka_unit_test(test_packing_changes_numbers_and_nothing_else),
       cmocka_unit_test(test_a_closed_surface_split_everywhere_can_be_merged_again),
       cmocka_unit_test(test_no_crack_opens_where_levels_meet),
       cmocka_unit_test(test_patches_that_touch_do_not_crack),

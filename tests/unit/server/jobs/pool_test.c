@@ -161,8 +161,8 @@ static void test_workers_that_die_or_lie_are_replaced_and_counted_by_cause(void 
   static const struct {
     const char *role;
     enum lod_pool_end end;
-  } kDeaths[] = {{"signal", LOD_POOL_END_SIGNAL},  {"exit", LOD_POOL_END_EXIT},      {"half", LOD_POOL_END_EXIT},
-                 {"more", LOD_POOL_END_NONSENSE},  {"twice", LOD_POOL_END_NONSENSE}, {"negative", LOD_POOL_END_NONSENSE},
+  } kDeaths[] = {{"signal", LOD_POOL_END_SIGNAL},   {"exit", LOD_POOL_END_EXIT},      {"half", LOD_POOL_END_EXIT},
+                 {"more", LOD_POOL_END_NONSENSE},   {"twice", LOD_POOL_END_NONSENSE}, {"negative", LOD_POOL_END_NONSENSE},
                  {"strange", LOD_POOL_END_NONSENSE}};
   struct lod_pool *pool = pool_of(1, 4, 20);
   for (size_t i = 0; i < sizeof kDeaths / sizeof *kDeaths; i++) {

@@ -82,7 +82,8 @@ static void pool_play(const char *role, size_t base, size_t values) {
     static const char kStopped[] = "{\"status\":\"cancelled\",\"type\":\"cancelled\",\"detail\":\"Stopped.\",\"parameter\":\"\"}";
     pool_send('F', kStopped, sizeof kStopped - 1);
   } else if (strcmp(role, "fail") == 0) {
-    static const char kFailed[] = "{\"status\":\"bad-input\",\"type\":\"bad-parameter\",\"detail\":\"No such part.\",\"parameter\":\"part\"}";
+    static const char kFailed[] =
+        "{\"status\":\"bad-input\",\"type\":\"bad-parameter\",\"detail\":\"No such part.\",\"parameter\":\"part\"}";
     pool_send('F', kFailed, sizeof kFailed - 1);
   } else if (strcmp(role, "hang") == 0) {
     for (;;)

@@ -156,14 +156,14 @@ static void test_what_is_too_large_is_let_go_at_once(void **state) {
 
 static void test_a_model_takes_its_answers_along(void **state) {
   struct fixture *f = *state;
-  open_it(f, 1 << 20);
+  open_it(f, 1 << 26);
   keep(f, 1, "bunny", 100);
   keep(f, 2, "bunny.2", 100);
   keep(f, 3, "bunny", 100);
   until_written(f, 3);
   struct lod_answer *held = lod_answers_find(f->answers, key_of(1));
   for (int i = 4; i < 20; i++)
-    keep(f, i, "bunny", 200000);         /* some are written, some wait, one is under way */
+    keep(f, i, "bunny", 200000); /* some are written, some wait, one is under way */
   lod_answers_forget(f->answers, "bunny");
   assert_int_equal(held->bytes[99], 1); /* a reader keeps what it has */
   lod_answer_release(held);
