@@ -439,7 +439,7 @@ enum lod_status lod_refiner_create(const struct lod_mesh *base, const struct lod
   if (status == LOD_OK && !plant(r))
     status = lod_fail_memory(problem);
   if (status != LOD_OK) {
-    lod_arena_destroy(own);
+    lod_refiner_destroy(r);
     return status;
   }
   lod_refiner_reset(r);
@@ -448,8 +448,10 @@ enum lod_status lod_refiner_create(const struct lod_mesh *base, const struct lod
 }
 
 void lod_refiner_destroy(struct lod_refiner *r) {
-  if (r != NULL)
-    lod_arena_destroy(r->arena);
+  if (r == NULL)
+    return;
+  lod_arena_destroy(r->nodes);
+  lod_arena_destroy(r->arena);
 }
 
 size_t lod_refiner_bytes(const struct lod_refiner *r) {

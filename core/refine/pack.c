@@ -129,7 +129,8 @@ bool lod_refiner_pack(struct lod_refiner *r) {
     move_faces(&p);
     move_edges(&p);
     move_vertices(&p);
-    memcpy(fresh.laters, r->laters, r->later_count * sizeof *r->laters);
+    if (r->later_count != 0)
+      memcpy(fresh.laters, r->laters, r->later_count * sizeof *r->laters);
     fresh.packed_faces = r->face_count;
     struct lod_arena *gone = r->nodes;
     *r = fresh;

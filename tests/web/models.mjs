@@ -44,9 +44,10 @@ export function writePly({ positions, triangles }) {
 }
 
 /**
- * GLB without compression. primitives: {mode, positions, indices?, thickness?, uvs?, material?}; materials and images as glTF JSON.
+ * GLB without compression. primitives: {mode, positions, indices?, thickness?, uvs?, material?}; materials and images as glTF JSON. apart: each
+ * primitive is a mesh and a node of its own, so a part.
  */
-export function writeGlb({ primitives, materials, textures, images }) {
+export function writeGlb({ primitives, materials, textures, images, apart = false }) {
   const chunks = [];
   const bufferViews = [];
   const accessors = [];
@@ -79,9 +80,9 @@ export function writeGlb({ primitives, materials, textures, images }) {
   const json = {
     asset: { version: '2.0', generator: 'tests/web' },
     scene: 0,
-    scenes: [{ nodes: [0] }],
-    nodes: [{ mesh: 0 }],
-    meshes: [{ primitives: out }],
+    scenes: [{ nodes: apart ? out.map((_, i) => i) : [0] }],
+    nodes: apart ? out.map((_, i) => ({ mesh: i })) : [{ mesh: 0 }],
+    meshes: apart ? out.map((primitive) => ({ primitives: [primitive] })) : [{ primitives: out }],
     materials,
     textures,
     images,

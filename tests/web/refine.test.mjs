@@ -8,7 +8,7 @@ import path from 'node:path';
 import { after, before, test } from 'node:test';
 import { ROOT, keep, launch, openPage } from './browser.mjs';
 import { Daemon } from './daemon.mjs';
-import { bumpySphere, writePly } from './models.mjs';
+import { bumpySphere, writeGlb, writePly } from './models.mjs';
 import { Births, Refinement } from '../../clients/web/src/wasm/refine.js';
 
 const TEST = { timeout: 120000 };
@@ -122,7 +122,8 @@ test('each interest refines, within the budget, and the mouse moves the gaze', T
     const before_ = await page.evaluate(() => document.getElementById('canvas').toDataURL());
     await page.mouse.move(420, 200);
     await page.waitForFunction((was) => document.getElementById('canvas').toDataURL() !== was, before_);
-    for (const kind of ['focus', 'contact', 'face', 'silhouette', 'cone', 'static', 'curvature', 'screen']) {
+    assert.match(await page.getAttribute('#back', 'href'), /model=bumpy/);
+    for (const kind of ['focus', 'part', 'contact', 'face', 'silhouette', 'cone', 'static', 'curvature', 'screen']) {
       await page.selectOption('#kind', kind);
       await page.waitForTimeout(300);
       if (kind !== 'contact') await settle(page);
@@ -130,6 +131,59 @@ test('each interest refines, within the budget, and the mouse moves the gaze', T
       assert.ok(Number(now.triangles) >= Number(now.base) && Number(now.triangles) <= 60000, kind);
       if (kind === 'focus' || kind === 'cone') keep(`refine-${kind}.png`, await page.screenshot());
     }
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.context().close();
+  }
+});
+
+/** An arm along x with a bracelet and a ball at its end: three parts. */
+function armWithBracelet() {
+  // Rings of `around` vertices at [x, radius], one after the other; closed: the last leads to the first.
+  const ringed = (rings, around, closed = false) => {
+    const positions = rings.flatMap(([x, r]) => Array.from({ length: around }, (_, j) => [x, r * Math.cos((2 * Math.PI * j) / around), r * Math.sin((2 * Math.PI * j) / around)]));
+    const at = (i, j) => (i % rings.length) * around + (j % around);
+    const indices = [];
+    for (let i = 0; i + (closed ? 0 : 1) < rings.length; i++)
+      for (let j = 0; j < around; j++) indices.push([at(i, j), at(i, j + 1), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i + 1, j)]);
+    return { positions, indices };
+  };
+  const circle = (n, phase, x, r, size) => Array.from({ length: n }, (_, i) => [x + size * Math.cos((-2 * Math.PI * i) / n + phase), r + size * Math.sin((-2 * Math.PI * i) / n + phase)]);
+  return writeGlb({
+    apart: true,
+    primitives: [
+      ringed(Array.from({ length: 9 }, (_, i) => [i - 4, i === 0 || i === 8 ? 0.25 : 0.6]), 12),
+      ringed(circle(7, 0, 0, 0.8, 0.18), 14, true),
+      ringed(Array.from({ length: 6 }, (_, i) => [5 - Math.cos((Math.PI * (i + 0.5)) / 6), Math.sin((Math.PI * (i + 0.5)) / 6)]), 10),
+    ],
+  });
+}
+
+test('the viewer leads to the page, and a part of several comes into focus', TEST, async () => {
+  const page = await openPage(browser, { viewport: { width: 1100, height: 700 } });
+  try {
+    await daemon.bake('arm', armWithBracelet(), 'arm.glb');
+    await page.goto(`${daemon.url}#model=arm`);
+    await page.waitForSelector('#refine:not([hidden])');
+    keep('refine-links.png', await page.screenshot());
+    await page.click('#refine a[data-kind=part]');
+    await page.waitForSelector('body[data-ready=true]');
+    assert.match(page.url(), /refine\.html#model=arm&kind=part/);
+    const canvas = await page.locator('#canvas').boundingBox();
+    await page.fill('#steps', '3');
+    const at = async (x, y) => {
+      await page.mouse.move(canvas.x + x * canvas.width, canvas.y + y * canvas.height);
+      await page.waitForTimeout(300);
+      await settle(page);
+      return Number((await facts(page)).triangles);
+    };
+    const ball = await at(0.72, 0.56);
+    const bracelet = await at(0.459, 0.422);
+    keep('refine-part.png', await page.screenshot());
+    await page.mouse.click(canvas.x + 0.459 * canvas.width, canvas.y + 0.422 * canvas.height);
+    assert.equal(await at(0.72, 0.56), bracelet, 'a click holds the part');
+    const base = Number((await facts(page)).base);
+    assert.ok(ball > 2 * base && bracelet > 2 * base && ball !== bracelet, `${base} ${ball} ${bracelet}`);
     assert.deepEqual(page.faults, []);
   } finally {
     await page.context().close();

@@ -164,6 +164,7 @@ class App {
     });
     if (this.paused) this.session.pause();
     this.fillFamilies(manifest);
+    this.linkRefinement(manifest.id);
     this.applyFamily();
     this.showWarnings(manifest.warnings);
     if (same) this.view.setUp(this.state.up);
@@ -181,7 +182,7 @@ class App {
     this.session.close();
     this.session = null;
     this.chart.setLevels([]);
-    $('hud').hidden = true;
+    $('hud').hidden = $('refine').hidden = true;
     document.title = 'Lodestream';
   }
 
@@ -412,6 +413,15 @@ class App {
     // Low and Tan's rule needs cells.
     const cells = [...manifest.families.values()].some((f) => f.levels.some((l) => l.cell > 0));
     $('rule').options[1].disabled = !cells;
+  }
+
+  /** Links to the page that refines this model in the browser, a mode each. */
+  linkRefinement(id) {
+    for (const link of $('refine').querySelectorAll('a')) {
+      const asked = new URLSearchParams({ model: id, kind: link.dataset.kind, ...(this.state.up === 'z' && { up: 'z' }) });
+      link.href = new URL(`refine.html#${asked}`, import.meta.url).href;
+    }
+    $('refine').hidden = false;
   }
 
   applyFamily() {

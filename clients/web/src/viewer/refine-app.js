@@ -1,10 +1,10 @@
 /**
  * One page: a level of a model, refined each frame where it is of interest, in WebAssembly. The mouse is the gaze, the focus and the finger.
- *   /viewer/refine.html#model=ID&kind=gaze&base=cluster:2
+ *   /viewer/refine.html#model=ID&kind=gaze&base=cluster:2&steps=4&up=z
  */
 
 import {
-  BufferAttribute, BufferGeometry, DirectionalLight, HemisphereLight, Mesh, MeshStandardMaterial, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3,
+  BufferAttribute, BufferGeometry, DirectionalLight, DoubleSide, HemisphereLight, Mesh, MeshStandardMaterial, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3,
   WebGLRenderer,
 } from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
@@ -15,6 +15,19 @@ import { Births, Refinement } from '../wasm/refine.js';
 const FOV = 45;
 const GROW_SECONDS = 0.3;
 const OPERATIONS_A_FRAME = 1500;
+const HINTS = {
+  gaze: 'Finest where the mouse is, coarser towards the edge of the field of view, as an eye resolves; outlines stay twice as fine.',
+  focus: 'Focus and context: finest at the point under the mouse, fading with distance.',
+  part: 'Focus and context: the part under the mouse is in focus; what lies around it fades with the distance to it. A click holds it.',
+  contact: 'The point that touches: the closest triangle and those around it are split, step by step.',
+  face: 'Triangles within 20 degrees of edge-on.',
+  silhouette: 'Edges between front and back.',
+  cone: 'Triangles whose normals on the limit surface hold one that is edge-on.',
+  static: 'Edges that bend outwards by more than 30 degrees: for any view.',
+  curvature: 'Edges along which the normal turns by more than 10 degrees.',
+  screen: 'Edges that stand off the limit surface by more than a pixel.',
+  uniform: 'Everything.',
+};
 const $ = (id) => document.getElementById(id);
 const asked = new URLSearchParams(location.hash.slice(1));
 
@@ -84,12 +97,23 @@ class Page {
       const box = $('canvas').getBoundingClientRect();
       this.mouse.set(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
     });
-    if (asked.get('kind')) $('kind').value = asked.get('kind');
+    if (asked.get('kind') in HINTS) $('kind').value = asked.get('kind');
+    if (asked.get('up') === 'z') this.camera.up.set(0, 0, 1);
     if (asked.get('steps')) $('steps').value = asked.get('steps');
-    $('kind').addEventListener('change', () => (this.touched = null));
+    $('kind').addEventListener('change', () => this.explain());
+    $('canvas').addEventListener('click', () => {
+      this.held = this.held === undefined && $('kind').value === 'part' ? this.part : undefined;
+    });
+    this.explain();
+  }
+
+  explain() {
+    this.held = undefined;
+    $('hint').textContent = HINTS[$('kind').value];
   }
 
   async load(id) {
+    $('back').href = `../#${new URLSearchParams({ model: id })}`;
     const base = await chooseBase(id);
     const loader = new GLTFLoader();
     const draco = makeDraco(new URL('draco/', location.href).href);
@@ -99,6 +123,10 @@ class Page {
     const mesh = arrays(gltf.scene);
     this.refinement = await Refinement.create(fetch('refine.wasm'), mesh);
     this.baseTriangles = mesh.index.length / 3;
+    this.parts = mesh.parts;
+    this.base = new Mesh(new BufferGeometry(), new MeshStandardMaterial({ side: DoubleSide })); // to be pointed at, not drawn
+    this.base.geometry.setAttribute('position', new BufferAttribute(mesh.positions, 3));
+    this.base.geometry.setIndex(new BufferAttribute(mesh.index, 1));
     this.upload(0);
     this.surface.geometry.computeBoundingSphere();
     const { center, radius } = this.surface.geometry.boundingSphere;
@@ -106,7 +134,7 @@ class Page {
     this.radius = radius;
     this.camera.near = radius / 100;
     this.camera.far = radius * 20;
-    this.camera.position.copy(center).add(new Vector3(0.6, 0.4, 1).normalize().multiplyScalar(radius * 2.9));
+    this.camera.position.copy(center).add((asked.get('up') === 'z' ? new Vector3(0.6, -1, 0.4) : new Vector3(0.6, 0.4, 1)).normalize().multiplyScalar(radius * 2.9));
     this.controls.target.copy(center);
     this.controls.update();
     this.controls.saveState();
@@ -126,10 +154,12 @@ class Page {
     geometry.boundingSphere ??= null;
   }
 
-  /** Where the mouse's ray meets the model's sphere, or passes it nearest: fine for a focus, and costs nothing. */
+  /** Where the mouse's ray meets the base, else where it passes its sphere nearest. */
   pointer() {
     this.ray.setFromCamera(this.mouse, this.camera);
     const { origin, direction } = this.ray.ray;
+    const [hit] = this.ray.intersectObject(this.base);
+    if (hit) return { direction, point: hit.point, part: this.parts[hit.faceIndex] };
     const towards = this.center.clone().sub(origin);
     const along = towards.dot(direction);
     const nearest = origin.clone().addScaledVector(direction, along);
@@ -140,10 +170,11 @@ class Page {
 
   interest() {
     const kind = $('kind').value;
-    const { direction, point } = this.pointer();
+    const { direction, point, part } = this.pointer();
+    this.part = part ?? this.part ?? this.parts[0];
     this.refinement.interest({
-      kind, eye: this.camera.position.toArray(), look: direction.toArray(), point: point.toArray(), pixels: 1, fov: FOV,
-      height: this.renderer.domElement.height, falloff: this.radius * 0.8,
+      kind: kind === 'part' ? 'focus' : kind, ...(kind === 'part' && { part: this.held ?? this.part }), eye: this.camera.position.toArray(), look: direction.toArray(), point: point.toArray(), pixels: 1, fov: FOV,
+      height: this.renderer.domElement.height, falloff: this.radius * (kind === 'part' ? 0.45 : 0.8),
     });
     return kind;
   }

@@ -91,8 +91,16 @@ bool EXPORT(lodr_interest)(struct refinement *r, uint32_t kind, bool parallel, u
   term->view.height_px = v[15];
   term->falloff = v[16];
   r->object = (struct lod_doi_object){.dominance = 1, .part = LOD_NONE, .bone_count = 1, .bones = r->bone};
-  if (kind == LOD_DOI_FOCUS && part != LOD_NONE && lod_doi_object_of_part(&r->mesh, part, false, r->arena, &r->object, NULL) != LOD_OK)
-    return false;
+  if (kind == LOD_DOI_FOCUS && part != LOD_NONE) { /* asked for each frame: nothing of it stays in the arena */
+    struct lod_arena *scratch = lod_arena_create_child(r->arena);
+    bool found = scratch != NULL && lod_doi_object_of_part(&r->mesh, part, false, scratch, &r->object, NULL) == LOD_OK;
+    if (found)
+      memcpy(r->bone, r->object.bones, sizeof r->bone);
+    lod_arena_destroy(scratch);
+    if (!found)
+      return false;
+    r->object.bones = r->bone;
+  }
   term->objects = &r->object;
   term->object_count = 1;
   return true;
