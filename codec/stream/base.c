@@ -71,6 +71,20 @@ static int compare_numbers(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
+static void sort_numbers(uint32_t *list, uint32_t count) {
+  if (count > 32) {
+    qsort(list, count, sizeof *list, compare_numbers);
+    return;
+  }
+  for (uint32_t i = 1; i < count; i++) {
+    const uint32_t number = list[i];
+    uint32_t k = i;
+    for (; k > 0 && list[k - 1] > number; k--)
+      list[k] = list[k - 1];
+    list[k] = number;
+  }
+}
+
 /* Neighbours along triangles and segments, each once, in rising order. */
 enum lod_status lod_adjacency_of_soup(const struct lod_mesh *mesh, const uint32_t *rank, struct lod_arena *arena,
                                       struct lod_adjacency *adjacency) {
@@ -107,7 +121,7 @@ enum lod_status lod_adjacency_of_soup(const struct lod_mesh *mesh, const uint32_
   uint32_t kept = 0;
   for (uint32_t v = 0; v < mesh->vertex_count; v++) {
     uint32_t begin = first[v], end = first[v + 1], last = LOD_NONE;
-    qsort(list + begin, end - begin, sizeof *list, compare_numbers);
+    sort_numbers(list + begin, end - begin);
     first[v] = kept;
     for (uint32_t i = begin; i < end; i++)
       if (list[i] != v && list[i] != last)

@@ -29,13 +29,23 @@ struct complex {
   float x, y;
 };
 
-/* Vertices around one, nearest by number of edges first, and where they lie in the plane. Only the connectivity decides. */
+/* Vertices around one, nearer ones first, and where they lie in the plane. Only the connectivity decides. */
 struct ball {
   uint32_t middle, count; /* middle: LOD_NONE = an empty place */
   uint32_t vertices[BALL];
   struct complex plane[BALL];
   uint8_t hops[BALL];
-  bool laid[BALL];
+};
+
+/* A half-edge on a ball's rim: places of the corner opposite of it, and of its ends. */
+struct rim {
+  uint32_t half_edge;
+  uint8_t apex, from, to;
+};
+
+/* Where a finer vertex is in ball number `stamp`. */
+struct mark {
+  uint32_t stamp, place;
 };
 
 struct search {
@@ -43,10 +53,10 @@ struct search {
   struct models *models;
   uint32_t *queue_next, head[PRIORITIES], tail[PRIORITIES]; /* base vertices by number of neighbours found, first come first served */
   uint8_t *state;                                           /* base vertex: that number, or DONE */
-  uint32_t *seen, stamp;                                    /* fine vertex: visited in ball `stamp` */
-  struct ball *balls, *ball;                                /* the last ones, by their middle's number; the one in use */
+  struct mark *marks;                                       /* of finer vertices */
+  uint32_t stamp;
+  struct ball *balls, *ball; /* the last ones, by their middle's number; the one in use */
   bool used[BALL];
-  uint32_t *slot;                                  /* fine vertex: place in the ball */
   struct complex closed[FANS + 1], open[FANS + 1]; /* one triangle of so many around a vertex, around half of one */
   uint8_t *has_kept;                               /* component of the finer level */
   uint32_t expected;                               /* vertex: components begin in the order in which they are asked for */
@@ -57,32 +67,6 @@ static float distance(lod_v4 a, lod_v4 b) {
   lod_v4 d = a - b;
   d = d * d;
   return d[0] + d[1] + d[2];
-}
-
-/* ---- balls ---- */
-
-/* At most BALL vertices around v, at most `hops` away. */
-static void grow_ball(struct search *f, struct ball *b, uint32_t v, int hops) {
-  const struct lod_adjacency *n = &f->step->adjacency;
-  uint32_t count = 0;
-  b->hops[0] = 0;
-  f->seen[v] = f->stamp;
-  f->slot[v] = 0;
-  b->vertices[count++] = v;
-  for (uint32_t i = 0; i < count && b->hops[i] < hops; i++) {
-    const uint32_t begin = n->first[b->vertices[i]], degree = n->first[b->vertices[i] + 1] - begin;
-    for (uint32_t k = begin, end = begin + (degree < DEGREE ? degree : DEGREE); k < end && count < BALL; k++) {
-      uint32_t u = n->list[k];
-      if (f->seen[u] == f->stamp)
-        continue;
-      f->seen[u] = f->stamp;
-      f->slot[u] = count;
-      b->hops[count] = (uint8_t)(b->hops[i] + 1);
-      b->vertices[count++] = u;
-    }
-  }
-  b->middle = v;
-  b->count = count;
 }
 
 static void keep(struct search *f, uint32_t base, uint32_t v) {
@@ -111,13 +95,25 @@ static struct complex turn(double angle) {
   return (struct complex){(float)c, (float)s};
 }
 
-/* Neighbours of the ball's first vertex, evenly around it. */
-static void lay_out_ring(struct search *f, uint32_t v) {
+/* ---- balls ---- */
+
+static uint32_t add_place(struct search *f, uint32_t v, uint32_t hops, struct complex at) {
+  struct ball *b = f->ball;
+  const uint32_t place = b->count++;
+  f->marks[v] = (struct mark){f->stamp, place};
+  b->vertices[place] = v;
+  b->hops[place] = (uint8_t)hops;
+  b->plane[place] = at;
+  return place;
+}
+
+/* Neighbours of the ball's middle, evenly around it; the half-edges between them are its first rim. Returns how many these are. */
+static uint32_t lay_ring(struct search *f, uint32_t v, struct rim *rim) {
   const struct step *s = f->step;
   const uint32_t *opposite = s->connectivity.opposite;
   if (s->corners.first[v] == s->corners.first[v + 1])
-    return;
-  uint32_t start = s->corners.list[s->corners.first[v]], h = start, count = 1;
+    return 0;
+  uint32_t start = s->corners.list[s->corners.first[v]], h = start, count = 1, last = 0;
   bool closed = false;
   for (uint32_t i = 0; i < FANS; i++) { /* back to where the fan begins */
     uint32_t o = opposite[h];
@@ -138,75 +134,63 @@ static void lay_out_ring(struct search *f, uint32_t v) {
   const struct complex step = closed ? f->closed[count] : f->open[count];
   struct complex at = {1, 0};
   for (uint32_t i = 0; i < count; i++) {
-    const uint32_t *t = s->triangles[h / 3], u = t[(h + 1) % 3], last = t[(h + 2) % 3];
-    if (f->seen[u] == f->stamp)
-      f->ball->plane[f->slot[u]] = at, f->ball->laid[f->slot[u]] = true;
+    const uint32_t next = lod_half_edge_next(h), end = s->triangles[next / 3][(next + 1) % 3];
+    if (i == 0)
+      last = add_place(f, s->triangles[next / 3][next % 3], 1, at);
     at = times(at, step);
+    const struct mark *mark = &f->marks[end];
+    const uint32_t place = mark->stamp == f->stamp ? mark->place : add_place(f, end, 1, at);
+    rim[i] = (struct rim){next, 0, (uint8_t)last, (uint8_t)place};
+    last = place;
     h = opposite[lod_half_edge_previous(h)];
-    if (h == LOD_NONE && f->seen[last] == f->stamp)
-      f->ball->plane[f->slot[last]] = at, f->ball->laid[f->slot[last]] = true;
-    if (h == LOD_NONE || h == start)
-      return;
+    if (h == LOD_NONE)
+      return i + 1;
   }
+  return count;
 }
 
-/* The ball in the plane: parallelograms from what is nearer to its middle. */
-static void lay_out(struct search *f) {
+/* The ball in the plane: parallelograms over the rim's half-edges, one after the other; a vertex lies between the first two. */
+static void make_ball(struct search *f, uint32_t v) {
   const struct step *s = f->step;
-  const struct lod_adjacency *n = &s->adjacency;
-  const uint32_t count = f->ball->count;
-  memset(f->ball->laid, 0, sizeof f->ball->laid);
-  f->ball->plane[0] = (struct complex){0, 0};
-  f->ball->laid[0] = true;
-  lay_out_ring(f, f->ball->vertices[0]);
-  for (uint32_t i = 1; i < count; i++) {
-    const uint32_t v = f->ball->vertices[i], corners = s->corners.first[v + 1] - s->corners.first[v];
-    struct complex sum = {0, 0};
-    float fans = 0;
-    if (f->ball->laid[i])
+  struct ball *b = f->ball;
+  struct rim rim[2 * BALL + FANS];
+  bool once[BALL];
+  b->middle = v;
+  b->count = 0;
+  add_place(f, v, 0, (struct complex){0, 0});
+  uint32_t end = lay_ring(f, v, rim);
+  for (uint32_t i = 0; i < end && b->count < BALL; i++) {
+    const struct rim r = rim[i];
+    const uint32_t o = s->connectivity.opposite[r.half_edge];
+    if (o == LOD_NONE)
       continue;
-    for (uint32_t k = 0; k < corners && k < FANS && fans < 2; k++) {
-      uint32_t h = lod_half_edge_next(s->corners.list[s->corners.first[v] + k]), o = s->connectivity.opposite[h];
-      if (o == LOD_NONE)
-        continue;
-      uint32_t b = s->triangles[h / 3][h % 3], c = s->triangles[h / 3][(h + 1) % 3], a = s->triangles[o / 3][(o + 2) % 3];
-      if (f->seen[a] != f->stamp || f->seen[b] != f->stamp || f->seen[c] != f->stamp)
-        continue;
-      a = f->slot[a], b = f->slot[b], c = f->slot[c];
-      if (!f->ball->laid[a] || !f->ball->laid[b] || !f->ball->laid[c])
-        continue;
-      sum.x += f->ball->plane[b].x + f->ball->plane[c].x - f->ball->plane[a].x;
-      sum.y += f->ball->plane[b].y + f->ball->plane[c].y - f->ball->plane[a].y;
-      fans += 1;
+    const uint32_t next = lod_half_edge_next(o), previous = lod_half_edge_previous(o), u = s->triangles[o / 3][previous % 3];
+    const struct complex *x = b->plane, at = {x[r.from].x + x[r.to].x - x[r.apex].x, x[r.from].y + x[r.to].y - x[r.apex].y};
+    if (f->marks[u].stamp == f->stamp) {
+      const uint32_t place = f->marks[u].place;
+      if (b->hops[place] > 1 && once[place]) {
+        once[place] = false;
+        b->plane[place] = (struct complex){(x[place].x + at.x) * 0.5f, (x[place].y + at.y) * 0.5f};
+      }
+      continue;
     }
-    for (uint32_t k = n->first[v]; fans == 0 && k < n->first[v + 1] && k < n->first[v] + DEGREE; k++) { /* farther out than its neighbour */
-      uint32_t u = n->list[k];
-      if (f->seen[u] != f->stamp || !f->ball->laid[f->slot[u]])
-        continue;
-      float out = 1 + 1 / (float)f->ball->hops[i];
-      sum = (struct complex){f->ball->plane[f->slot[u]].x * out, f->ball->plane[f->slot[u]].y * out};
-      fans = 1;
-    }
-    if (fans > 0) {
-      f->ball->plane[i] = (struct complex){sum.x / fans, sum.y / fans};
-      f->ball->laid[i] = true;
-    }
+    const uint32_t hops = 1u + (b->hops[r.from] < b->hops[r.to] ? b->hops[r.from] : b->hops[r.to]), place = add_place(f, u, hops, at);
+    once[place] = true;
+    rim[end++] = (struct rim){next, r.to, r.from, (uint8_t)place}; /* o runs from r.to to r.from */
+    rim[end++] = (struct rim){previous, r.from, (uint8_t)place, r.to};
   }
 }
 
-/* The ball around v, laid out: made now, or not long ago. */
+/* The ball around v: made now, or not long ago. */
 static void use_ball(struct search *f, uint32_t v) {
   struct ball *b = f->ball = &f->balls[v % BALLS];
   f->stamp++;
   if (b->middle != v) {
-    grow_ball(f, b, v, 6);
-    lay_out(f);
+    make_ball(f, v);
     return;
   }
-  for (uint32_t i = 0; i < b->count; i++) {
-    f->seen[b->vertices[i]] = f->stamp;
-    f->slot[b->vertices[i]] = i;
-  }
+  for (uint32_t i = 0; i < b->count; i++)
+    f->marks[b->vertices[i]] = (struct mark){f->stamp, i};
 }
 
 static lod_v4 cross(lod_v4 a, lod_v4 b) {
@@ -375,10 +359,13 @@ static uint32_t gather(struct search *f, uint32_t of, lod_v4 origin, const lod_v
   const struct lod_adjacency *n = &s->base.adjacency;
   for (uint32_t i = n->first[of]; i < n->first[of + 1] && i < n->first[of] + DEGREE && count < PAIRS; i++) {
     uint32_t u = n->list[i], v = s->kept[u];
-    if (v == LOD_NONE || f->seen[v] != f->stamp || !f->ball->laid[f->slot[v]] || f->slot[v] == 0 || f->used[f->slot[v]])
+    if (v == LOD_NONE || f->marks[v].stamp != f->stamp)
       continue;
-    f->used[f->slot[v]] = true;
-    pairs[count++] = (struct pair){f->ball->plane[f->slot[v]], unfold(axes, s->base.positions[u] - origin)};
+    const uint32_t place = f->marks[v].place;
+    if (place == 0 || f->used[place])
+      continue;
+    f->used[place] = true;
+    pairs[count++] = (struct pair){f->ball->plane[place], unfold(axes, s->base.positions[u] - origin)};
   }
   return count;
 }
@@ -398,9 +385,9 @@ static uint32_t find_candidates(struct search *f, uint32_t base, struct candidat
   const struct affine map = fit_map(pairs, gather(f, anchor, origin, axes, pairs, gather(f, base, origin, axes, pairs, 1)), z);
   const float scale = map.a.x * map.a.x + map.a.y * map.a.y + map.b.x * map.b.x + map.b.y * map.b.y, unit = scale > 0 ? 1 / scale : 0;
   for (uint32_t i = 1; i < ball->count; i++) {
-    if (s->estimated[f->ball->vertices[i]] == 2 || !f->ball->laid[i])
+    if (s->estimated[ball->vertices[i]] == 2)
       continue;
-    const struct complex w = f->ball->plane[i], c = {w.x, -w.y}, aw = times(map.a, w), bw = times(map.b, c);
+    const struct complex w = ball->plane[i], c = {w.x, -w.y}, aw = times(map.a, w), bw = times(map.b, c);
     const float dx = aw.x + bw.x + map.c.x - z.x, dy = aw.y + bw.y + map.c.y - z.y, d = (dx * dx + dy * dy) * unit;
     uint32_t k = count < CANDIDATES ? count++ : CANDIDATES;
     while (k > 0 && d < candidates[k - 1].distance) {
@@ -409,7 +396,7 @@ static uint32_t find_candidates(struct search *f, uint32_t base, struct candidat
       k--;
     }
     if (k < CANDIDATES)
-      candidates[k] = (struct candidate){f->ball->vertices[i], d, f->ball->hops[i]};
+      candidates[k] = (struct candidate){ball->vertices[i], d, ball->hops[i]};
   }
   return count;
 }
@@ -469,8 +456,7 @@ static bool allocate(struct search *f) {
   f->models = lod_coder_models(&s->coder, sizeof *f->models, s->scratch);
   f->queue_next = LOD_NEW(s->scratch, bases, uint32_t);
   f->state = LOD_NEW_ZERO(s->scratch, bases, uint8_t);
-  f->seen = LOD_NEW_ZERO(s->scratch, vertices, uint32_t);
-  f->slot = LOD_NEW(s->scratch, vertices, uint32_t);
+  f->marks = LOD_NEW_ZERO(s->scratch, vertices, struct mark);
   f->balls = LOD_NEW(s->scratch, BALLS, struct ball);
   f->has_kept = LOD_NEW_ZERO(s->scratch, s->connectivity.component_count, uint8_t);
   s->kept = LOD_NEW(s->scratch, bases, uint32_t);
@@ -478,8 +464,8 @@ static bool allocate(struct search *f) {
   s->estimated = LOD_NEW_ZERO(s->scratch, vertices, uint8_t);
   memset(f->head, 0xff, sizeof f->head);
   memset(f->tail, 0xff, sizeof f->tail);
-  if (f->models == NULL || f->queue_next == NULL || f->state == NULL || f->seen == NULL || f->slot == NULL || f->balls == NULL ||
-      f->has_kept == NULL || s->kept == NULL || s->estimates == NULL || s->estimated == NULL)
+  if (f->models == NULL || f->queue_next == NULL || f->state == NULL || f->marks == NULL || f->balls == NULL || f->has_kept == NULL ||
+      s->kept == NULL || s->estimates == NULL || s->estimated == NULL)
     return false;
   memset(s->kept, 0xff, (size_t)bases * sizeof *s->kept);
   for (int i = 0; i < BALLS; i++)

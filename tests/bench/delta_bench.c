@@ -25,7 +25,7 @@
 #include "tests/data/nested.h"
 #include "tests/data/ply.h"
 
-enum { MOST_LEVELS = 12, LEAST_VERTICES = 200, COARSEST_STEP = 16, ERRORS = 7 };
+enum { MOST_LEVELS = 12, LEAST_VERTICES = 125, COARSEST_STEP = 16, ERRORS = 7 };
 static const double kErrors[ERRORS] = {0.08, 0.04, 0.02, 0.01, 0.005, 0.0025, 0.001};
 
 struct options {
