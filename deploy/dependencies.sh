@@ -10,7 +10,7 @@ packages="gcc g++ clang llvm make pkg-config ca-certificates curl openssl xz-uti
  chromium fonts-dejavu-core libgl1-mesa-dri libegl1"
 # What an image is built from needs no tests.
 if [ "${DEPENDENCIES:-all}" = build ]; then
-  packages="gcc g++ make pkg-config ca-certificates libmicrohttpd-dev libgnutls28-dev libsqlite3-dev libjansson-dev nettle-dev zlib1g-dev
+  packages="gcc g++ clang lld wasi-libc libclang-rt-14-dev-wasm32 make pkg-config ca-certificates libmicrohttpd-dev libgnutls28-dev libsqlite3-dev libjansson-dev nettle-dev zlib1g-dev
  libpng-dev libdraco-dev libtinygltf-dev nlohmann-json3-dev libassimp-dev libcurl4-gnutls-dev libseccomp-dev"
 fi
 # The web client and its tests need node 18 or newer; a node that is already there is fine.

@@ -1,6 +1,7 @@
 #!/bin/sh
 # Builds the viewer into DIR: one page, its scripts, style and decoders; nothing in it comes from another host. Nothing to do when DIR is
-# newer than every source. The daemon serves DIR/index.html at / and DIR/NAME at /viewer/NAME. Also installs what tests/web needs.
+# newer than every source. The daemon serves DIR/index.html at / and DIR/NAME at /viewer/NAME. Also installs what tests/web
+# needs, unless DEPENDENCIES=build.
 #
 #   clients/web/build.sh DIR
 set -eu
@@ -19,7 +20,7 @@ install_packages() {
   fi
 }
 install_packages "$here"
-install_packages "$tests"
+[ "${DEPENDENCIES:-all}" = build ] || install_packages "$tests"
 
 # The WebAssembly modules have sources of their own, which make knows.
 make -s -C "$here/../.." wasm >&2
