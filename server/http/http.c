@@ -101,6 +101,12 @@ static void enter_send(struct connection *connection) {
   lod_loop_set_bulk(connection, body && body->file >= 0 && connection->sent >= LOD_OBJECT_FILE_BYTES);
 }
 
+/* A shared response cannot name the request; its id goes in on the way to the socket. */
+static void insert_id(struct connection *connection) {
+  connection->sending.body_follows = connection->sent > 0;
+  lod_insert_begin(&connection->sending.insert, "X-Request-Id", connection->request_id);
+}
+
 static enum MHD_Result queue_whole(struct connection *connection, unsigned status, const struct headers *headers) {
   struct lod_http *http = connection->loop->http;
   const struct lod_exchange *exchange = &connection->exchange;
@@ -139,6 +145,7 @@ static enum MHD_Result queue_memo(struct connection *connection) {
   connection->status = plan.status;
   connection->sent = plan.status == 304 || exchange->method == LOD_HEAD ? 0 : memo->body->size;
   enter_send(connection);
+  insert_id(connection);
   return queue_response()(connection->mhd, plan.status, lod_cache_value(memo->response));
 }
 
@@ -175,6 +182,8 @@ static enum MHD_Result queue_reply(struct connection *connection) {
   bool bodiless = plan.status == 304 || exchange->method == LOD_HEAD;
   connection->sent = bodiless ? 0 : plan.status == 206 ? plan.size : reply->body ? reply->body->size : 0;
   enter_send(connection);
+  if (reply->shared)
+    insert_id(connection);
   if (reply->stream.read)
     lod_loop_add_stream(connection);
   /* 304 is the whole response under another status: from an empty one MHD would send Content-Length: 0. */

@@ -194,6 +194,7 @@ static void forget_connection(struct connection *connection) {
   loop->count--;
   lod_metrics_add(loop->http->service->metrics, LOD_METRIC_CONNECTIONS, -1);
   free(connection->target);
+  free(connection->sending.record.bytes);
   free(connection);
 }
 
@@ -356,18 +357,9 @@ static bool any_suspended(const struct loop *loop) {
   return false;
 }
 
-static void stop_accepting(struct loop *loop) {
-  MHD_run(loop->daemon); /* takes what waits in the backlog */
-  MHD_socket listener = loop->listener >= 0 ? MHD_quiesce_daemon(loop->daemon) : MHD_INVALID_SOCKET;
-  if (listener != MHD_INVALID_SOCKET)
-    close(listener);
-  loop->listener = -1;
-}
-
-static void take_events(struct loop *loop, int timeout_ms) {
-  struct epoll_event events[64];
-  int count = epoll_wait(loop->epoll_fd, events, 64, timeout_ms);
-  loop->now = lod_loop_clock();
+static void take_own_events(struct loop *loop) {
+  struct epoll_event events[EVENTS];
+  int count = epoll_wait(loop->epoll_fd, events, EVENTS, 0);
   for (int i = 0; i < count; i++) {
     enum watch kind = *(enum watch *)events[i].data.ptr;
     if (kind == WATCH_WAKE) {
@@ -388,6 +380,50 @@ static void take_events(struct loop *loop, int timeout_ms) {
       lod_linger_read(loop->linger);
     }
   }
+}
+
+/* Waits for libmicrohttpd's events and ours together, and keeps the former. */
+static void take_events(struct loop *loop, int timeout_ms) {
+  bool own = false;
+  struct epoll_event *next = loop->events + loop->event_count; /* an edge that was not handed over yet does not come again */
+  loop->fetched = false;
+  int count = epoll_wait(loop->mhd_fd, next, EVENTS - loop->event_count, timeout_ms);
+  loop->now = lod_loop_clock();
+  for (int i = 0; i < count; i++)
+    if (next[i].data.ptr == &loop->watch_own)
+      own = true;
+    else
+      loop->events[loop->event_count++] = next[i];
+  loop->fetched = true;
+  if (own)
+    take_own_events(loop);
+}
+
+/* libmicrohttpd asks for what was kept. -1, the kernel itself, is for take_events. */
+static int give_events(void *context, int fd, struct epoll_event *events, int most) {
+  struct loop *loop = context;
+  if (fd != loop->mhd_fd || !loop->fetched)
+    return -1;
+  int count = loop->event_count < most ? loop->event_count : most;
+  memcpy(events, loop->events, (size_t)count * sizeof *events);
+  memmove(loop->events, loop->events + count, (size_t)(loop->event_count - count) * sizeof *events);
+  loop->event_count -= count;
+  return count;
+}
+
+static void stop_accepting(struct loop *loop) {
+  MHD_run(loop->daemon);
+  take_events(loop, 0);
+  MHD_run(loop->daemon); /* takes what waits in the backlog */
+  MHD_socket listener = loop->listener >= 0 ? MHD_quiesce_daemon(loop->daemon) : MHD_INVALID_SOCKET;
+  if (listener != MHD_INVALID_SOCKET)
+    close(listener);
+  loop->listener = -1;
+}
+
+static struct lod_sending *sending(void *context, int fd) {
+  const struct loop *loop = context;
+  return fd >= 0 && fd < loop->fd_count && loop->by_fd[fd] ? &loop->by_fd[fd]->sending : NULL;
 }
 
 static void *run_loop(void *argument) {
@@ -438,16 +474,16 @@ static void destroy_response(void *response) {
   MHD_destroy_response(response);
 }
 
-static bool add_watch(struct loop *loop, int fd, enum watch *watch) {
+static bool add_watch(int epoll_fd, int fd, enum watch *watch) {
   struct epoll_event event = {.events = EPOLLIN, .data.ptr = watch};
-  return epoll_ctl(loop->epoll_fd, EPOLL_CTL_ADD, fd, &event) == 0;
+  return epoll_ctl(epoll_fd, EPOLL_CTL_ADD, fd, &event) == 0;
 }
 
 /* Takes the listener; -1: connections come from other loops. */
 static enum lod_status start_loop(struct loop *loop, int listener, struct lod_problem *problem) {
   const struct lod_config *config = loop->http->service->config;
   const bool tls = loop->http->tls;
-  unsigned flags = MHD_USE_EPOLL | MHD_USE_ERROR_LOG | MHD_ALLOW_SUSPEND_RESUME | (tls ? MHD_USE_TLS : 0);
+  unsigned flags = MHD_USE_EPOLL | MHD_USE_ERROR_LOG | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_TURBO | (tls ? MHD_USE_TLS : 0);
   if (listener < 0)
     flags |= MHD_USE_NO_LISTEN_SOCKET;
   struct MHD_OptionItem more[] = {
@@ -457,9 +493,9 @@ static enum lod_status start_loop(struct loop *loop, int listener, struct lod_pr
       {MHD_OPTION_END, 0, NULL}};
   loop->listener = listener;
   loop->share = (uint32_t)((config->connections + loop->http->loop_count - 1) / loop->http->loop_count);
-  loop->watch_mhd = WATCH_MHD;
+  loop->watch_own = WATCH_OWN;
   loop->watch_wake = WATCH_WAKE;
-  loop->hooks = (struct lod_interpose){file_of, admit, loop};
+  loop->hooks = (struct lod_interpose){file_of, admit, sending, give_events, loop};
   loop->now = lod_loop_clock();
   atomic_init(&loop->beat, loop->now);
   /* No MHD_OPTION_CONNECTION_TIMEOUT: it counts inactivity alone; sweep() has the deadlines. */
@@ -473,11 +509,11 @@ static enum lod_status start_loop(struct loop *loop, int listener, struct lod_pr
       close(listener);
     return lod_fail(problem, LOD_IO, "cannot-listen", "The HTTP server could not be started.");
   }
-  int mhd_fd = MHD_get_daemon_info(loop->daemon, MHD_DAEMON_INFO_EPOLL_FD)->listen_fd;
+  loop->mhd_fd = MHD_get_daemon_info(loop->daemon, MHD_DAEMON_INFO_EPOLL_FD)->listen_fd;
   loop->epoll_fd = epoll_create1(EPOLL_CLOEXEC);
   loop->wake_fd = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-  if (loop->epoll_fd < 0 || loop->wake_fd < 0 || !add_watch(loop, mhd_fd, &loop->watch_mhd) ||
-      !add_watch(loop, loop->wake_fd, &loop->watch_wake))
+  if (loop->epoll_fd < 0 || loop->wake_fd < 0 || !add_watch(loop->mhd_fd, loop->epoll_fd, &loop->watch_own) ||
+      !add_watch(loop->epoll_fd, loop->wake_fd, &loop->watch_wake))
     return lod_fail(problem, LOD_IO, "cannot-listen", "epoll: %s.", strerror(errno));
   loop->linger = lod_linger_create(loop->epoll_fd, WATCH_LINGER);
   if (!loop->linger)
@@ -534,7 +570,7 @@ enum lod_status lod_http_create(struct lod_service *service, int inherited, stru
     http->addresses = lod_addresses_create((uint32_t)config->address_connections);
   for (uint32_t i = 0; http->loops && i < http->loop_count; i++) {
     http->loops[i].http = http;
-    http->loops[i].epoll_fd = http->loops[i].wake_fd = http->loops[i].listener = -1;
+    http->loops[i].epoll_fd = http->loops[i].wake_fd = http->loops[i].listener = http->loops[i].mhd_fd = -1;
     pthread_mutex_init(&http->loops[i].lock, NULL);
   }
   bool whole = http->loops && http->responses && http->memos && http->background && (http->addresses || !config->address_connections);

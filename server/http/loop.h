@@ -16,7 +16,8 @@
 #include "server/http/routes.h"
 #include "server/http/socket.h"
 
-enum watch { WATCH_MHD, WATCH_WAKE, WATCH_PEER, WATCH_LINGER };
+enum watch { WATCH_OWN, WATCH_WAKE, WATCH_PEER, WATCH_LINGER };
+enum { EVENTS = 64 };
 
 struct connection {
   enum watch watch; /* WATCH_PEER; first, so that an epoll event finds it */
@@ -36,6 +37,7 @@ struct connection {
   size_t target_capacity;
   char method[12], request_id[LOD_REQUEST_ID_MAX + 1];
   struct lod_cache_entry *memo; /* the reply as it was given before */
+  struct lod_sending sending;
   double started;
   uint64_t ignored, sent;
   unsigned status;
@@ -58,7 +60,12 @@ struct loop {
   pthread_t thread;
   bool started;
   int epoll_fd, wake_fd, listener; /* listener: MHD's; -1 = none */
-  enum watch watch_mhd, watch_wake;
+  /* We wait on libmicrohttpd's epoll descriptor, where ours is one of those watched, and hand its events over when it asks. */
+  int mhd_fd;
+  enum watch watch_own, watch_wake;
+  struct epoll_event events[EVENTS];
+  int event_count;
+  bool fetched; /* there is nothing to ask the kernel for */
   struct lod_linger *linger;
   struct lod_interpose hooks;
   struct connection *connections, *streams;

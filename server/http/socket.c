@@ -47,7 +47,8 @@ static int open_bound(const struct addrinfo *info, const struct sockaddr *addres
   if (fd < 0)
     return -1;
   setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-  /* Both are inherited by accepted sockets. */
+  /* These are inherited by accepted sockets. */
+  setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &buffer, sizeof buffer);
   setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &dead, sizeof dead);
   if ((share && setsockopt(fd, SOL_SOCKET, SO_REUSEPORT, &on, sizeof on) != 0) || bind(fd, address, info->ai_addrlen) != 0) {
@@ -106,12 +107,13 @@ enum lod_status lod_socket_inherit(int fd, uint32_t count, int *listeners, char 
   struct sockaddr_storage bound;
   socklen_t size = sizeof bound, number_size = sizeof(int);
   int listening = 0;
-  const int buffer = LOD_SEND_BUFFER_BYTES;
+  const int on = 1, buffer = LOD_SEND_BUFFER_BYTES;
   const unsigned dead = DEAD_PEER_MS;
   if (getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &listening, &number_size) != 0 || !listening ||
       getsockname(fd, (struct sockaddr *)&bound, &size) != 0 || fcntl(fd, F_SETFD, FD_CLOEXEC) != 0 || fcntl(fd, F_SETFL, O_NONBLOCK) != 0)
     return lod_fail(problem, LOD_BAD_INPUT, "cannot-listen",
                     "The socket that the service manager passed is not a listening stream socket.");
+  setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &buffer, sizeof buffer);
   setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &dead, sizeof dead);
   lod_socket_text((struct sockaddr *)&bound, text);

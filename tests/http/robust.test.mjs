@@ -252,6 +252,32 @@ test('a request has an id: the client\'s own, or one of ours', async () => {
   await eventually('the log has it', () => daemon.log.includes('abc-123'), 3);
 });
 
+test('prepared answers name the request too, also when the reader is slow and the socket cuts them anywhere', async () => {
+  await daemon.bake('named', { ...bunny, seed: 900 });
+  const { object } = (await daemon.json('/v1/models/named')).json.families.cluster.levels[0], target = `/v1/objects/${object}`;
+  for (const args of [[], [], ['-I'], ['-r', '5-10'], ['-H', `If-None-Match: "${object}"`]]) {
+    const answer = await daemon.curl(target, ['-H', 'X-Request-Id: mine', ...args]);
+    assert.equal(answer.headers['x-request-id'], 'mine', args.join(' '));
+  }
+  assert.match((await daemon.curl(target)).headers['x-request-id'], /^[0-9a-f]{16}$/);
+  const count = 3000; // 10 MB: more than the sockets hold
+  const socket = await daemon.connect();
+  socket.pause();
+  socket.write(Array.from({ length: count }, (_, i) => `GET ${target} HTTP/1.1\r\nHost: x\r\nX-Request-Id: r${i}\r\n\r\n`).join(''));
+  await sleep(300);
+  socket.resume();
+  await eventually('all answers', () => socket.text.split('X-Request-Id: r').length === count + 1, 30);
+  const answers = socket.text.split('HTTP/1.1 200 OK\r\n').slice(1);
+  assert.equal(answers.length, count);
+  await eventually('the last body', () => socket.text.split('HTTP/1.1 200 OK\r\n').at(-1).split('\r\n\r\n').slice(1).join('\r\n\r\n').length === 3000, 10);
+  socket.text.split('HTTP/1.1 200 OK\r\n').slice(1).forEach((answer, i) => {
+    assert.ok(answer.startsWith(`X-Request-Id: r${i}\r\n`), `answer ${i}`);
+    const body = answer.slice(answer.indexOf('\r\n\r\n') + 4);
+    assert.equal(createHash('sha256').update(Buffer.from(body, 'latin1')).digest('hex'), object, `answer ${i}`);
+  });
+  socket.destroy();
+});
+
 test('connections over the limit wait and are served when others close', async () => {
   const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4'] });
   try {

@@ -41,6 +41,31 @@ test('levels, ranges and uploads work over TLS', async () => {
   assert.ok(part.body.equals(level.body.subarray(1000000, 3000000)));
 });
 
+test('many answers to a slow reader are whole over TLS, each with its request\'s id', async () => {
+  const { object } = JSON.parse((await ask('/v1/models/bunny')).body).families.cluster.levels[1];
+  const count = 500; // 10 MB: GnuTLS has to stop in the middle of records
+  const socket = tls.connect({ port: daemon.port, host: '127.0.0.1', rejectUnauthorized: false });
+  const chunks = [];
+  await new Promise((resolve) => socket.on('secureConnect', resolve));
+  socket.write(Array.from({ length: count }, (_, i) => `GET /v1/objects/${object} HTTP/1.1\r\nHost: x\r\nX-Request-Id: r${i}\r\n\r\n`).join(''));
+  await new Promise((resolve) => setTimeout(resolve, 300));
+  socket.on('data', (data) => chunks.push(data));
+  let all = Buffer.alloc(0), at = 0;
+  for (let i = 0; i < count; i++) {
+    let head = -1;
+    await eventually(`answer ${i}`, () => {
+      if (chunks.length) all = Buffer.concat([all, ...chunks.splice(0)]);
+      head = all.indexOf('\r\n\r\n', at);
+      return head >= 0 && all.length >= head + 4 + 20000;
+    });
+    const header = all.subarray(at, head).toString('latin1');
+    assert.match(header, new RegExp(`^HTTP/1.1 200 OK\r\nX-Request-Id: r${i}\r\n`));
+    at = head + 4 + 20000;
+    assert.equal(sha256(all.subarray(head + 4, at)), object);
+  }
+  socket.destroy();
+});
+
 test('refusal in the middle of a chunked upload arrives over TLS too', async () => {
   const response = await ask('/v1/models/big', ['-T', '-', '-H', 'Expect:'], Buffer.alloc(400000, 1));
   assert.equal(response.status, 413, response.errors);

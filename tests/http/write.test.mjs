@@ -9,7 +9,7 @@ const limit = 1 << 20;
 let daemon;
 
 before(async () => {
-  daemon = await Daemon.start({ flags: ['--upload-bytes', String(limit), '--bake-seconds', '5', '--bake-queue', '2'] });
+  daemon = await Daemon.start({ flags: ['--upload-bytes', String(limit), '--bake-seconds', '10', '--bake-queue', '2'] });
 });
 after(() => daemon?.stop());
 
@@ -188,7 +188,9 @@ test('old revision serves until the new one is whole', async () => {
   const before = await daemon.curl('/v1/models/replaced/level?error=0.1&family=cluster');
   const put = await daemon.curl('/v1/models/replaced', ['-T', '-'], JSON.stringify({ ...bunny, seed: 350, steps: 3, step_ms: 150 }));
   let same = 0;
-  while ((await daemon.json(put.headers.location)).json.state !== 'done') {
+  for (let state = ''; state !== 'done';) {
+    ({ state } = (await daemon.json(put.headers.location)).json);
+    assert.notEqual(state, 'failed');
     const now = await daemon.curl('/v1/models/replaced/level?error=0.1&family=cluster');
     assert.equal(now.status, 200);
     same += now.headers.etag === before.headers.etag;
