@@ -61,7 +61,8 @@ static enum lod_status create(struct overlay_work *w, struct lod_arena *arena, s
   LOD_TRY(overlay_cut(w, arena, overlay, &cells));
   OVERLAY_TRY_NEW(overlay->coarse, arena, overlay->node_count);
   OVERLAY_TRY_NEW(fine, arena, overlay->node_count);
-  memcpy(fine, overlay->fine, overlay->node_count * sizeof *fine);
+  if (overlay->node_count != 0)
+    memcpy(fine, overlay->fine, overlay->node_count * sizeof *fine);
   overlay->fine = fine;
   LOD_TRY(overlay_embed(w, &cells, overlay));
   overlay->tries = w->tries;

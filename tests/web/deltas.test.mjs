@@ -5,7 +5,7 @@ import test from 'node:test';
 import { parseManifest } from '../../clients/web/src/protocol/manifest.js';
 import { DeltaLoader } from '../../clients/web/src/three/deltas.js';
 import { download } from '../../clients/web/src/stream/download.js';
-import { figures, launch, openPage, settled } from './browser.mjs';
+import { figures, launch, openPage, picture, settled } from './browser.mjs';
 import { Daemon } from './daemon.mjs';
 import { bumpySphere, writePly } from './models.mjs';
 
@@ -78,7 +78,11 @@ test('a manifest tells of its deltas', () => {
   });
   const { levels } = manifest.families.get('retile');
   assert.deepEqual(levels.map((l) => l.delta), [{ to: 1, bytes: 5, object: 'd', units: null }, null]);
-  assert.equal(manifest.units, 1);
+  assert.deepEqual(manifest.units, [{ parts: [0], instances: null }]);
+  const one = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+  const parts = [{ instances: [one, one] }, { instances: [one] }, { instances: [one, one, one] }, {}];
+  const several = parseManifest({ id: 'm', revision: 'r', source: { bounds: { min: [0, 0, 0], max: [1, 1, 1] } }, parts, families: { retile: { levels: [level(0)] } } });
+  assert.deepEqual(several.units.map((u) => [u.parts, u.instances?.length ?? null]), [[[1, 3], null], [[0], 2], [[2], 3]]);
 });
 
 test('the steps from a level that is on its way are waited for only where they are much less', async () => {
@@ -132,6 +136,59 @@ test('the page sharpens by deltas, and what it draws is the level', { timeout: 1
     assert.equal(drawn.triangles, levels[from.delta.to].triangles);
     assert.equal(drawn.loaded - bytes, from.delta.bytes, 'the delta is all that came');
     assert.deepEqual(page.faults, []);
+  } finally {
+    await browser.close();
+    await daemon.stop();
+  }
+});
+
+/** A glTF of two bumpy spheres that share a mesh, and one with another: two units. */
+function twins(n) {
+  const { positions, triangles } = bumpySphere(n);
+  const points = Float32Array.from(positions.flat());
+  const index = Uint32Array.from(triangles.flat());
+  const bytes = Buffer.concat([Buffer.from(points.buffer), Buffer.from(index.buffer)]);
+  const reach = (pick) => [0, 1, 2].map((k) => pick(...positions.map((p) => Math.fround(p[k]))));
+  const mesh = { primitives: [{ attributes: { POSITION: 0 }, indices: 1 }] };
+  return Buffer.from(JSON.stringify({
+    asset: { version: '2.0' }, scene: 0, scenes: [{ nodes: [0, 1, 2] }],
+    nodes: [{ mesh: 0, translation: [-3, 0, 0] }, { mesh: 0, translation: [3, 0, 0], scale: [0.5, 0.5, 0.5] }, { mesh: 1 }], meshes: [mesh, mesh],
+    accessors: [
+      { bufferView: 0, componentType: 5126, type: 'VEC3', count: positions.length, min: reach(Math.min), max: reach(Math.max) },
+      { bufferView: 1, componentType: 5125, type: 'SCALAR', count: index.length },
+    ],
+    bufferViews: [{ buffer: 0, byteOffset: 0, byteLength: points.byteLength }, { buffer: 0, byteOffset: points.byteLength, byteLength: index.byteLength }],
+    buffers: [{ byteLength: bytes.length, uri: `data:application/octet-stream;base64,${bytes.toString('base64')}` }],
+  }));
+}
+
+test('a model of several units sharpens by deltas too, its instances with it', { timeout: 180000 }, async () => {
+  const daemon = await Daemon.start(['--families', 'retile']);
+  const browser = await launch();
+  try {
+    const manifest = await daemon.bake('twins', twins(30), 'twins.gltf');
+    const { levels } = manifest.families.retile;
+    const from = levels.find((l) => l.delta && l.delta.bytes < levels[l.delta.to].bytes);
+    assert.ok(from, JSON.stringify(levels.map(({ level, bytes, delta }) => ({ level, bytes, delta }))));
+    const shots = [];
+    for (const whole of [false, true]) {
+      const page = await openPage(browser, { viewport: { width: 320, height: 240 } });
+      page.setDefaultTimeout(60000);
+      if (!whole) {
+        await page.goto(`${daemon.url}#model=twins&family=retile&level=${from.level}`);
+        await settled(page, 60000);
+      }
+      await page.goto(`${daemon.url}#model=twins&family=retile&level=${from.delta.to}`);
+      await page.waitForFunction((level) => document.getElementById('hud-level').dataset.value === String(level), from.delta.to);
+      await settled(page, 60000);
+      assert.equal(page.asked.some((url) => /\/delta\?/.test(url)), !whole, page.asked.join(' '));
+      assert.deepEqual(page.faults, []);
+      shots.push(await picture(page));
+    }
+    const [a, b] = shots.map((png) => png.data);
+    let sum = 0;
+    for (let i = 0; i < a.length; i++) sum += Math.abs(a[i] - b[i]);
+    assert.ok(sum / a.length < 0.2, `the level by deltas looks like the level: mean difference ${sum / a.length}`);
   } finally {
     await browser.close();
     await daemon.stop();

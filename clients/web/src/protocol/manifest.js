@@ -5,7 +5,7 @@ import { ProtocolError } from './problem.js';
 /**
  * @param {unknown} json what GET /v1/models/{id} answered
  * @returns {{id, revision, source, sphere: {center: number[], radius: number}, bounds, diagonal: number,
- *   units: number of geometries that are simplified by themselves; families: Map<string, {name, nested, levels: Level[]}>, warnings: string[], seconds: number|null}}
+ *   units: geometries that are simplified by themselves, {parts: number[], instances: number[][]|null}[]; families: Map<string, {name, nested, levels: Level[]}>, warnings: string[], seconds: number|null}}
  *   Level: {family, level, vertices, triangles, edges, points, error, cell, bytes, object, type, delta: {to, bytes, object, units: {units, first, bytes, object}|null}|null}; level 0 is the
  *   coarsest; delta: the step to a finer level, units: the same in parts
  */
@@ -31,7 +31,7 @@ export function parseManifest(json) {
     sphere: { center: sphere.center, radius: sphere.radius > 0 ? sphere.radius : 1 },
     diagonal: finite(source.diagonal) ?? distance(bounds.min, bounds.max),
     families,
-    units: countUnits(manifest.parts),
+    units: listUnits(manifest.parts),
     warnings: Array.isArray(manifest.bake?.warnings) ? manifest.bake.warnings.filter((w) => typeof w === 'string') : [],
     seconds: finite(manifest.bake?.seconds),
   };
@@ -61,11 +61,13 @@ export function familyLevels(manifest, family = 'auto') {
   return families.flatMap((f) => f.levels).sort((a, b) => b.error - a.error || a.bytes - b.bytes);
 }
 
-/** Parts that occur once are one unit together; one with several instances is a unit of its own. */
-function countUnits(parts) {
-  if (!Array.isArray(parts)) return 1;
-  const several = parts.filter((part) => Array.isArray(part?.instances) && part.instances.length > 1).length;
-  return several + (parts.length > several || several === 0 ? 1 : 0);
+/** Parts that occur once are the first unit together, in model space (instances null); each with several instances is one of its own. */
+function listUnits(parts) {
+  if (!Array.isArray(parts) || parts.length === 0) return [{ parts: [0], instances: null }];
+  const several = (part) => Array.isArray(part?.instances) && part.instances.length > 1;
+  const single = parts.flatMap((part, i) => (several(part) ? [] : [i]));
+  const own = parts.flatMap((part, i) => (several(part) ? [{ parts: [i], instances: part.instances }] : []));
+  return single.length > 0 ? [{ parts: single, instances: null }, ...own] : own;
 }
 
 function parseLevel(family, level, index) {

@@ -16,10 +16,10 @@ export class LevelLoader {
    * @param {string} id of the model
    * @param {{dracoPath: string, draco?: DRACOLoader, normalsWorker?: URL, onBytes?: (n: number) => void, onFacts?: (level, facts) => void,
    *          onTextureError?: (error: Error) => void, core?: () => import('../wasm/pool.js').CorePool, levels?: (family: string) => object[],
-   *          onStep?, hold?, units?}} options
+   *          pieces?, onStep?, hold?, units?}} options
    *   dracoPath: URL of the folder with three's decoder files; draco: a decoder shared between models; normalsWorker: URL of the bundled
-   *   normals-worker.js; core, levels: with both, levels come by deltas where these are fewer bytes (deltas.js, which also says what onStep, hold and
-   *   units are)
+   *   normals-worker.js; core, levels: with both, levels come by deltas where these are fewer bytes (deltas.js, which also says what pieces, onStep,
+   *   hold and units are)
    */
   constructor(client, id, options) {
     this.client = client;

@@ -25,13 +25,12 @@ export class UnitsLoad {
     this.last = null;
   }
 
-  /** From the level `base` ({id: Promise<number> of the worker, level, object}) by `units` (of a manifest's delta). */
+  /** From the level `base` ({id: in the worker, object}) by `units` (of a manifest's delta). */
   async run(base, units, signal) {
     const { client, onBytes, hold } = this.options;
     const pool = this.options.core();
-    const id = await base.id;
     const head = await client.part(units.object, 0, units.first, { signal, onBytes, hold });
-    const step = await pool.unitsOpen(head, id);
+    const step = await pool.unitsOpen(head, base.id);
     try {
       if (step.size !== units.bytes) throw new ProtocolError('The units are not those that the description tells of.', { kind: 'malformed' });
       const { offset, bytes } = step.patches[step.first];
@@ -90,7 +89,7 @@ export class UnitsLoad {
     const joined = await pool.unitsJoin(step.id);
     let to = null;
     try {
-      const object = await levelFromArrays(joined.arrays, base.object, this.options.normals);
+      const object = await levelFromArrays([joined.arrays], base.object, this.options.normals);
       const coarse = describeLevel(base.object);
       const fine = describeLevel(object);
       const { layout, values, from, end } = fine.beside(coarse);
@@ -114,7 +113,7 @@ export class UnitsLoad {
       return { object, id, bytes: units.bytes, morph: { after: last, shape } };
     }
     const joined = await pool.unitsJoin(step.id);
-    const object = await levelFromArrays(joined.arrays, base.object, this.options.normals);
+    const object = await levelFromArrays([joined.arrays], base.object, this.options.normals);
     return { object, id: joined.id, bytes: units.bytes, morph: null };
   }
 }

@@ -23,8 +23,8 @@ export class ModelSession {
     };
     this.loader = new LevelLoader(client, id, {
       ...options.assets,
-      // A model of several units has frames for each; they come whole.
-      levels: manifest.units === 1 ? (family) => manifest.families.get(family).levels : undefined,
+      levels: (family) => manifest.families.get(family).levels,
+      pieces: manifest.units,
       onBytes: count,
       onTextureError: options.onTextureError,
       onStep: (level, value, bytes) => {
