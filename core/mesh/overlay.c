@@ -52,7 +52,17 @@ static enum lod_status match_vertices(struct overlay_work *w, struct lod_problem
 static enum lod_status create(struct overlay_work *w, struct lod_arena *arena, struct lod_overlay *overlay, struct lod_problem *problem) {
   struct overlay_cells cells;
   struct lod_overlay_place *fine;
+  struct lod_mesh shown[2];
+  uint32_t *fronts[2], back_count[2];
   LOD_TRY(match_vertices(w, problem));
+  LOD_TRY(overlay_find_backs(w->coarse, w->arena, &fronts[0], &back_count[0]));
+  LOD_TRY(overlay_find_backs(w->fine, w->arena, &fronts[1], &back_count[1]));
+  if (back_count[0] + back_count[1] > 0) {
+    LOD_TRY(overlay_hide_backs(w->coarse, fronts[0], w->arena, &shown[0]));
+    LOD_TRY(overlay_hide_backs(w->fine, fronts[1], w->arena, &shown[1]));
+    w->coarse = &shown[0];
+    w->fine = &shown[1];
+  }
   LOD_TRY(lod_adjacency_create(w->coarse, w->arena, &w->c));
   LOD_TRY(lod_adjacency_create(w->fine, w->arena, &w->f));
   LOD_TRY(overlay_arrange(w));
@@ -65,8 +75,10 @@ static enum lod_status create(struct overlay_work *w, struct lod_arena *arena, s
     memcpy(fine, overlay->fine, overlay->node_count * sizeof *fine);
   overlay->fine = fine;
   LOD_TRY(overlay_embed(w, &cells, overlay));
+  if (back_count[0] + back_count[1] > 0)
+    LOD_TRY(overlay_mirror_backs(w, fronts[0], fronts[1], arena, overlay));
   overlay->tries = w->tries;
-  return LOD_OK;
+  return overlay_count_up(w, overlay);
 }
 
 enum lod_status lod_overlay_create(const struct lod_mesh *coarse, const struct lod_mesh *fine, const uint32_t *parents,

@@ -17,6 +17,9 @@
  *
  * Only + - * / sqrt: the same bits natively and in WebAssembly.
  *
+ * Walls with two sides (triangles with the same corners that look either way) are mapped once; the second side has the first one's map,
+ * mirrored, and no crossings of its own.
+ *
  * Works for any two levels whose coarse vertices are vertices of the finer one: open surfaces, several components, edges of more than two
  * triangles (which cut the surface, adjacency.h). Where topology differs there is no bijection, and the triangles concerned say so. */
 #ifndef LOD_CORE_MESH_OVERLAY_H

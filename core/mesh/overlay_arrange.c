@@ -83,7 +83,13 @@ enum lod_status overlay_cross(struct overlay_work *w, uint32_t path, uint32_t h,
 
 void overlay_rip(struct overlay_work *w, uint32_t p) {
   struct overlay_path *path = &w->paths[p];
-  for (uint32_t x = path->first, onward; x != LOD_NONE; x = onward) {
+  for (uint32_t i = 0; path->state == PATH_ALONG && i < path->count; i++) {
+    uint32_t h = w->steps[path->first + i];
+    w->along[overlay_canonical(w->f.twin, h)] = LOD_NONE;
+    if (i > 0)
+      w->vertex_path[lod_half_edge_start(w->fine, h)] = LOD_NONE;
+  }
+  for (uint32_t x = path->state == PATH_ALONG ? LOD_NONE : path->first, onward; x != LOD_NONE; x = onward) {
     struct overlay_crossing *crossing = &w->crossings[x];
     uint32_t *link = &w->firsts[crossing->edge];
     while (*link != x)

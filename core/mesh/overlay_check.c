@@ -89,12 +89,19 @@ static enum lod_status check_areas(struct checker *c, bool on_coarse) {
 /* Fragments meet along whole sides: a side that lies inside a finer triangle, or on an edge of two, has a twin. */
 static enum lod_status check_sides(struct checker *c) {
   const struct lod_overlay *o = c->overlay;
-  struct lod_mesh mesh = {.vertex_count = o->node_count, .triangle_count = o->triangle_count, .triangles = o->triangles};
+  struct lod_mesh mesh = {.vertex_count = o->node_count, .triangle_count = o->triangle_count, .triangles = o->triangles}, fronts, shown;
   struct lod_adjacency sides, fine;
-  LOD_TRY(lod_adjacency_create(&mesh, c->scratch, &sides));
-  LOD_TRY(lod_adjacency_create(c->fine, c->scratch, &fine));
+  uint32_t *front, *fragment_front, backs;
+  LOD_TRY(overlay_find_backs(c->fine, c->scratch, &front, &backs));
+  OVERLAY_TRY_NEW(fragment_front, c->scratch, o->triangle_count);
+  for (uint32_t i = 0; i < o->triangle_count; i++) /* each side of a wall by itself; they are mirrored, so the first is enough */
+    fragment_front[i] = front[o->fine_faces[i]];
+  LOD_TRY(overlay_hide_backs(&mesh, fragment_front, c->scratch, &fronts));
+  LOD_TRY(overlay_hide_backs(c->fine, front, c->scratch, &shown));
+  LOD_TRY(lod_adjacency_create(&fronts, c->scratch, &sides));
+  LOD_TRY(lod_adjacency_create(&shown, c->scratch, &fine));
   for (uint32_t h = 0; h < 3 * o->triangle_count; h++) {
-    if (sides.twin[h] != LOD_NONE)
+    if (sides.twin[h] != LOD_NONE || fragment_front[h / 3] != LOD_NONE)
       continue;
     uint32_t t = o->fine_faces[h / 3];
     int64_t a[3], b[3];

@@ -398,19 +398,18 @@ static enum lod_status place_strays(struct embedder *e) {
   return LOD_OK;
 }
 
-static enum lod_status count_up(struct embedder *e) {
-  struct lod_overlay *o = e->overlay;
+enum lod_status overlay_count_up(struct overlay_work *w, struct lod_overlay *o) {
   bool *lost;
-  OVERLAY_TRY_ZERO(lost, e->w->arena, e->w->fine->triangle_count);
+  OVERLAY_TRY_ZERO(lost, w->arena, w->fine->triangle_count);
   o->mapped = o->failed = o->lost = 0;
-  for (uint32_t t = 0; t < e->w->coarse->triangle_count; t++) {
+  for (uint32_t t = 0; t < w->coarse->triangle_count; t++) {
     o->mapped += o->states[t] == LOD_OVERLAY_MAPPED;
     o->failed += o->states[t] != LOD_OVERLAY_MAPPED && o->states[t] != LOD_OVERLAY_EMPTY;
   }
   for (uint32_t i = 0; i < o->triangle_count; i++)
     if (o->coarse_faces[i] == LOD_NONE || o->states[o->coarse_faces[i]] != LOD_OVERLAY_MAPPED)
       lost[o->fine_faces[i]] = true;
-  for (uint32_t t = 0; t < e->w->fine->triangle_count; t++)
+  for (uint32_t t = 0; t < w->fine->triangle_count; t++)
     o->lost += lost[t];
   return LOD_OK;
 }
@@ -428,6 +427,5 @@ enum lod_status overlay_embed(struct overlay_work *w, const struct overlay_cells
     e.end = at;
     LOD_TRY(embed_face(&e, face));
   }
-  LOD_TRY(place_strays(&e));
-  return count_up(&e);
+  return place_strays(&e);
 }

@@ -1,14 +1,8 @@
-/* Coarse edges that are finer edges, or chains of them: boundaries and cuts, creases, seams, borders of materials. */
+/* Coarse edges that are finer edges, or chains of them: creases, seams, borders of materials. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/mesh/overlay_private.h"
-
-static struct lod_vec3 normal_of(const struct lod_mesh *mesh, uint32_t t) {
-  const uint32_t *v = mesh->triangles[t];
-  struct lod_vec3 a = overlay_at(mesh, v[0]);
-  return lod_vec3_cross(lod_vec3_subtract(overlay_at(mesh, v[1]), a), lod_vec3_subtract(overlay_at(mesh, v[2]), a));
-}
 
 static bool differs(const uint32_t *values, uint32_t a, uint32_t b) {
   return values != NULL && values[a] != values[b];
@@ -22,12 +16,12 @@ static bool is_line(const struct lod_mesh *mesh, const uint32_t *twin, const str
   if (mesh->corners != NULL &&
       (mesh->corners[a][h % 3] != mesh->corners[b][(other + 1) % 3] || mesh->corners[a][(h + 1) % 3] != mesh->corners[b][other % 3]))
     return true;
-  struct lod_vec3 m = normal_of(mesh, a), n = normal_of(mesh, b);
+  struct lod_vec3 m = overlay_normal(mesh, a), n = overlay_normal(mesh, b);
   double lengths = sqrt(lod_vec3_length_squared(m)) * sqrt(lod_vec3_length_squared(n));
   return lengths > 0 && lod_vec3_dot(m, n) < w->settings->crease_cosine * lengths;
 }
 
-static enum lod_status add_step(struct overlay_work *w, uint32_t h) {
+enum lod_status overlay_add_step(struct overlay_work *w, uint32_t h) {
   if (w->step_count == w->step_capacity) {
     uint32_t capacity = w->step_capacity < 256 ? 256 : 2 * w->step_capacity, *larger;
     OVERLAY_TRY_NEW(larger, w->arena, capacity);
@@ -40,132 +34,13 @@ static enum lod_status add_step(struct overlay_work *w, uint32_t h) {
   return LOD_OK;
 }
 
-/* Makes the steps from `begin` on the path p. */
-static void place_along(struct overlay_work *w, uint32_t p, uint32_t begin) {
+void overlay_place_along(struct overlay_work *w, uint32_t p, uint32_t begin) {
   w->paths[p] = (struct overlay_path){.state = PATH_ALONG, .rips = w->paths[p].rips, .first = begin, .count = w->step_count - begin};
   for (uint32_t i = begin; i < w->step_count; i++) {
     w->along[overlay_canonical(w->f.twin, w->steps[i])] = p;
     if (i > begin)
       w->vertex_path[lod_half_edge_start(w->fine, w->steps[i])] = p;
   }
-}
-
-/* ---- boundaries ---- */
-
-static uint32_t next_on_boundary(const struct overlay_work *w, uint32_t h) {
-  h = lod_half_edge_next(h);
-  while (w->f.twin[h] != LOD_NONE)
-    h = lod_half_edge_next(w->f.twin[h]);
-  return h;
-}
-
-/* The boundary of the finer surface from h on, up to the next coarse vertex: is that where the path ends? */
-static enum lod_status walk_boundary(struct overlay_work *w, uint32_t p, uint32_t h, bool *reached) {
-  uint32_t goal = w->parents[overlay_path_end(w, p)], begin = w->step_count;
-  *reached = false;
-  for (uint32_t at = h;; at = next_on_boundary(w, at)) {
-    uint32_t v = lod_half_edge_end(w->fine, at);
-    LOD_TRY(add_step(w, at));
-    if (w->match[v] != LOD_NONE || w->vertex_path[v] != LOD_NONE) {
-      *reached = v == goal;
-      break;
-    }
-    if (w->step_count - begin > w->fine->triangle_count) /* a ring without a coarse vertex */
-      break;
-  }
-  if (!*reached)
-    w->step_count = begin;
-  return LOD_OK;
-}
-
-/* A coarse boundary edge and a finer boundary half-edge that leads where it leads. */
-struct candidate {
-  double score;
-  uint32_t path, half_edge;
-};
-
-/* How alike two triangles lie at their boundary edges: the direction into the triangle, and which side is its front. */
-static double likeness(const struct overlay_work *w, uint32_t p, uint32_t h) {
-  struct lod_vec3 inward[2], normal[2];
-  const struct lod_mesh *const meshes[2] = {w->coarse, w->fine};
-  const uint32_t half_edges[2] = {p, h};
-  for (int i = 0; i < 2; i++) {
-    uint32_t e = half_edges[i];
-    struct lod_vec3 along =
-        lod_vec3_subtract(overlay_at(meshes[i], lod_half_edge_end(meshes[i], e)), overlay_at(meshes[i], lod_half_edge_start(meshes[i], e)));
-    normal[i] = lod_vec3_normalize(normal_of(meshes[i], e / 3));
-    inward[i] = lod_vec3_normalize(lod_vec3_cross(normal[i], along));
-  }
-  return lod_vec3_dot(inward[0], inward[1]) + 0.5 * lod_vec3_dot(normal[0], normal[1]);
-}
-
-static int compare_candidates(const void *left, const void *right) {
-  const struct candidate *a = left, *b = right;
-  if (a->score != b->score)
-    return a->score > b->score ? -1 : 1;
-  return a->path != b->path ? (a->path < b->path ? -1 : 1) : (a->half_edge > b->half_edge) - (a->half_edge < b->half_edge);
-}
-
-static bool fans_fit(const struct overlay_work *w, uint32_t coarse_corner, uint32_t fine_corner) {
-  uint32_t c = w->c.fan_of[coarse_corner], f = w->f.fan_of[fine_corner];
-  return w->fan_to[c] == LOD_NONE ? w->fan_from[f] == LOD_NONE : w->fan_to[c] == f;
-}
-
-static enum lod_status list_candidates(struct overlay_work *w, struct candidate **list, uint32_t *count) {
-  uint32_t capacity = 0;
-  *count = 0;
-  *list = NULL;
-  for (uint32_t p = 0; p < 3 * w->coarse->triangle_count; p++) {
-    uint32_t vertex = w->parents[overlay_path_start(w, p)];
-    if (!overlay_takes_part(w->coarse, p / 3) || w->c.twin[p] != LOD_NONE || vertex == LOD_NONE ||
-        w->parents[overlay_path_end(w, p)] == LOD_NONE)
-      continue;
-    for (uint32_t i = w->f.vertex_begin[vertex]; i < w->f.vertex_begin[vertex + 1]; i++) {
-      uint32_t h = w->f.vertex_corners[i], begin = w->step_count;
-      bool reached;
-      if (w->f.twin[h] != LOD_NONE)
-        continue;
-      LOD_TRY(walk_boundary(w, p, h, &reached));
-      w->step_count = begin;
-      if (!reached)
-        continue;
-      if (*count == capacity) {
-        struct candidate *larger;
-        capacity = 2 * capacity + 64;
-        OVERLAY_TRY_NEW(larger, w->arena, capacity);
-        if (*count > 0)
-          memcpy(larger, *list, *count * sizeof *larger);
-        *list = larger;
-      }
-      (*list)[(*count)++] = (struct candidate){likeness(w, p, h), p, h};
-    }
-  }
-  if (*count > 0)
-    qsort(*list, *count, sizeof **list, compare_candidates);
-  return LOD_OK;
-}
-
-/* Where the surface is cut, several boundaries lead the same way: the most alike go together first. */
-static enum lod_status trace_boundaries(struct overlay_work *w) {
-  struct candidate *list;
-  uint32_t count;
-  LOD_TRY(list_candidates(w, &list, &count));
-  for (uint32_t i = 0; i < count; i++) {
-    uint32_t p = list[i].path, h = list[i].half_edge, begin = w->step_count;
-    bool reached;
-    if (w->paths[p].state != PATH_NONE || w->along[h] != LOD_NONE || !fans_fit(w, p, h))
-      continue;
-    LOD_TRY(walk_boundary(w, p, h, &reached));
-    uint32_t last = reached ? lod_half_edge_next(w->steps[w->step_count - 1]) : LOD_NONE;
-    if (!reached || !fans_fit(w, lod_half_edge_next(p), last)) {
-      w->step_count = begin;
-      continue;
-    }
-    place_along(w, p, begin);
-    overlay_join_fans(w, p, h);
-    overlay_join_fans(w, lod_half_edge_next(p), last);
-  }
-  return LOD_OK;
 }
 
 /* ---- edges and creases ---- */
@@ -198,7 +73,7 @@ static enum lod_status try_along(struct overlay_work *w, uint32_t e, uint32_t be
         break;
     }
   }
-  place_along(w, p, begin);
+  overlay_place_along(w, p, begin);
   overlay_join_fans(w, e, first);
   overlay_join_fans(w, w->c.twin[e], last);
   *placed = true;
@@ -228,7 +103,7 @@ static enum lod_status follow_line(struct overlay_work *w, const uint8_t *lines,
   bool placed = false;
   double length = 0;
   for (; at != LOD_NONE && w->step_count - begin < w->fine->vertex_count; at = next_on_line(w, lines, at)) {
-    LOD_TRY(add_step(w, at));
+    LOD_TRY(overlay_add_step(w, at));
     length += lod_vec3_distance(overlay_at(w->fine, lod_half_edge_start(w->fine, at)), overlay_at(w->fine, lod_half_edge_end(w->fine, at)));
   }
   uint32_t end = lod_half_edge_end(w->fine, w->steps[w->step_count - 1]);
@@ -250,10 +125,25 @@ static enum lod_status take_edge(struct overlay_work *w, uint32_t h, struct over
   uint32_t e = coarse_edge_between(w, w->match[lod_half_edge_start(w->fine, h)], w->match[lod_half_edge_end(w->fine, h)]);
   if (e == LOD_NONE)
     return LOD_OK;
-  LOD_TRY(add_step(w, h));
+  LOD_TRY(overlay_add_step(w, h));
   LOD_TRY(try_along(w, e, begin, sector, &placed));
   if (!placed)
     w->step_count = begin;
+  return LOD_OK;
+}
+
+enum lod_status overlay_retake_edge(struct overlay_work *w, uint32_t path, struct overlay_sector *sector, bool *placed) {
+  uint32_t a = w->parents[overlay_path_start(w, path)], b = w->parents[overlay_path_end(w, path)];
+  *placed = false;
+  for (uint32_t i = w->f.vertex_begin[a]; i < w->f.vertex_begin[a + 1] && !*placed; i++) {
+    uint32_t h = w->f.vertex_corners[i], begin = w->step_count;
+    if (w->f.twin[h] == LOD_NONE || lod_half_edge_end(w->fine, h) != b || w->along[overlay_canonical(w->f.twin, h)] != LOD_NONE)
+      continue;
+    LOD_TRY(overlay_add_step(w, h));
+    LOD_TRY(try_along(w, path, begin, sector, placed));
+    if (!*placed)
+      w->step_count = begin;
+  }
   return LOD_OK;
 }
 
@@ -261,7 +151,7 @@ enum lod_status overlay_follow_lines(struct overlay_work *w) {
   uint32_t half_edges = 3 * w->fine->triangle_count;
   struct overlay_sector sector = {0};
   uint8_t *lines;
-  LOD_TRY(trace_boundaries(w));
+  LOD_TRY(overlay_trace_boundaries(w));
   OVERLAY_TRY_ZERO(lines, w->arena, half_edges);
   for (uint32_t h = 0; h < half_edges; h++)
     if (w->f.twin[h] != LOD_NONE && w->f.twin[h] > h && overlay_takes_part(w->fine, h / 3))

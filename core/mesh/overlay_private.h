@@ -82,6 +82,12 @@ static inline bool overlay_takes_part(const struct lod_mesh *mesh, uint32_t t) {
 static inline struct lod_vec3 overlay_at(const struct lod_mesh *mesh, uint32_t v) {
   return lod_vec3_from_float(mesh->positions[v]);
 }
+/* Of triangle t, twice its area long. */
+static inline struct lod_vec3 overlay_normal(const struct lod_mesh *mesh, uint32_t t) {
+  const uint32_t *v = mesh->triangles[t];
+  struct lod_vec3 a = overlay_at(mesh, v[0]);
+  return lod_vec3_cross(lod_vec3_subtract(overlay_at(mesh, v[1]), a), lod_vec3_subtract(overlay_at(mesh, v[2]), a));
+}
 struct overlay_pattern overlay_pattern_of(const struct overlay_work *w, uint32_t t);
 /* Gap of the side opposite to the corner that spoke slot `slot` leads to. */
 static inline uint32_t overlay_slot_gap(const struct overlay_pattern *p, uint32_t corner, uint32_t slot) {
@@ -93,7 +99,7 @@ LOD_WARN_UNUSED enum lod_status overlay_arrange(struct overlay_work *w);
 /* Puts a crossing of `path` into gap `gap` of half-edge h; returns it in *crossing. */
 LOD_WARN_UNUSED enum lod_status overlay_cross(struct overlay_work *w, uint32_t path, uint32_t h, uint32_t gap, double share,
                                               uint32_t *crossing);
-/* Takes away a path that crosses edges. */
+/* Takes away a path, not one along a boundary. */
 void overlay_rip(struct overlay_work *w, uint32_t path);
 
 /* Where a path may leave a coarse vertex: slots of finer corners, between the paths that are there before and after it. */
@@ -119,8 +125,16 @@ static inline uint32_t overlay_path_end(const struct overlay_work *w, uint32_t p
   return lod_half_edge_end(w->coarse, p);
 }
 
+/* ---- overlay_border.c: paths along boundaries and cuts ---- */
+LOD_WARN_UNUSED enum lod_status overlay_trace_boundaries(struct overlay_work *w);
+
 /* ---- overlay_line.c: paths along finer edges ---- */
+/* Adds a half-edge to the steps, and makes the steps from `begin` on the path. */
+LOD_WARN_UNUSED enum lod_status overlay_add_step(struct overlay_work *w, uint32_t half_edge);
+void overlay_place_along(struct overlay_work *w, uint32_t path, uint32_t begin);
 LOD_WARN_UNUSED enum lod_status overlay_follow_lines(struct overlay_work *w);
+/* A path that gave way: along a finer edge between its ends again, if one is free. */
+LOD_WARN_UNUSED enum lod_status overlay_retake_edge(struct overlay_work *w, uint32_t path, struct overlay_sector *sector, bool *placed);
 
 /* ---- overlay_trace.c: all other paths ---- */
 LOD_WARN_UNUSED enum lod_status overlay_trace(struct overlay_work *w);
@@ -137,6 +151,18 @@ uint32_t overlay_sides_of(const struct overlay_work *w, const struct overlay_cel
 
 /* ---- overlay_embed.c: disks into triangles ---- */
 LOD_WARN_UNUSED enum lod_status overlay_embed(struct overlay_work *w, const struct overlay_cells *cells, struct lod_overlay *overlay);
+/* Mapped, failed and lost triangles. */
+LOD_WARN_UNUSED enum lod_status overlay_count_up(struct overlay_work *w, struct lod_overlay *overlay);
+
+/* ---- overlay_backs.c: walls with two sides ---- */
+/* front: triangle_count; the triangle with the same corners, the other way round, that this one is the back of; LOD_NONE. */
+LOD_WARN_UNUSED enum lod_status overlay_find_backs(const struct lod_mesh *mesh, struct lod_arena *arena, uint32_t **front, uint32_t *count);
+/* The mesh with backs as triangles that take no part. */
+LOD_WARN_UNUSED enum lod_status overlay_hide_backs(const struct lod_mesh *mesh, const uint32_t *front, struct lod_arena *arena,
+                                                   struct lod_mesh *shown);
+/* Adds the fragments of backs; w's meshes hide them. */
+LOD_WARN_UNUSED enum lod_status overlay_mirror_backs(struct overlay_work *w, const uint32_t *front, const uint32_t *fine_front,
+                                                     struct lod_arena *results, struct lod_overlay *overlay);
 
 /* ---- overlay_part.c: what lies beside coarse triangles that are not mapped ---- */
 struct overlay_part {

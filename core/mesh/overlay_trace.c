@@ -8,7 +8,7 @@
 
 #include "core/mesh/overlay_private.h"
 
-enum { MAX_STATES = 6000, MAX_RIPS = 60 };
+enum { MAX_STATES = 6000, MAX_RIPS = 12 };
 #define DETOUR 2.0    /* a path this many times as long as its edge first asks others to give way */
 #define LONG_WAY 10.0 /* the longest path that crosses none */
 #define PRICE 0.5     /* of crossing a path, in lengths of the edge ... */
@@ -134,8 +134,10 @@ static double price(const struct search *s, uint32_t path) {
 /* Comes to gap `gap` of half-edge h, from inside its triangle; same: only moved to another gap of it, past other paths. */
 static enum lod_status reach(struct search *s, uint32_t from, uint32_t start, uint32_t h, uint32_t gap, double more, bool same) {
   struct overlay_work *w = s->w;
-  if (!same && (w->f.twin[h] == LOD_NONE || w->along[overlay_canonical(w->f.twin, h)] != LOD_NONE || touches(s, h) || crossed(s, from, h)))
+  uint32_t along = same ? LOD_NONE : w->along[overlay_canonical(w->f.twin, h)];
+  if (!same && (w->f.twin[h] == LOD_NONE || (along != LOD_NONE && !(s->penalty > 0)) || touches(s, h) || crossed(s, from, h)))
     return LOD_OK;
+  more += along != LOD_NONE ? price(s, along) : 0;
   struct state state = {.half_edge = h, .gap = gap, .from = from, .start = start};
   double base = from == LOD_NONE ? 0 : s->states[from].cost;
   if (same) {
@@ -213,7 +215,9 @@ static enum lod_status note_all(struct search *s, uint32_t goal) {
   LOD_TRY(note_corner(s, s->to.slots[s->states[goal].gap].corner));
   LOD_TRY(note_corner(s, s->from.slots[s->states[goal].start].corner));
   for (uint32_t i = s->states[goal].from; i != LOD_NONE; i = s->states[i].from) {
-    uint32_t j = s->states[i].from;
+    uint32_t j = s->states[i].from, along = s->w->along[overlay_canonical(s->w->f.twin, s->states[i].half_edge)];
+    if (along != LOD_NONE)
+      LOD_TRY(note_ripped(s, along));
     if (j == LOD_NONE || s->states[j].half_edge != s->states[i].half_edge)
       continue;
     uint32_t gap = s->states[i].gap > s->states[j].gap ? s->states[j].gap : s->states[i].gap;
@@ -354,7 +358,12 @@ static void aim(struct search *s, uint32_t p) {
 static enum lod_status trace(struct search *s, uint32_t p, double unit) {
   struct overlay_work *w = s->w;
   uint32_t goal;
+  bool placed = false;
   s->ripped_count = 0;
+  if (w->paths[p].rips > 0)
+    LOD_TRY(overlay_retake_edge(w, p, &s->from, &placed));
+  if (placed)
+    return LOD_OK;
   aim(s, p);
   double length = s->length > unit ? s->length : unit;
   LOD_TRY(run(s, DETOUR * length, 0, &goal));

@@ -167,6 +167,7 @@ struct tiling {
   int64_t (*plane)[2];           /* vertex_count: of a flat point on its way: in the plane of a chart, times ONE */
   enum lod_retile_measure measure;
   enum lod_retile_projection projection;
+  bool upright;                 /* vertices are rather kept than triangles made that look away from the surface */
   const struct lod_bvh *source; /* over sheet.mesh, when the error leads; or NULL */
   float *missed;                /* face_count: match_face as it is known; see match.c */
   double enough;                /* flips may not raise the error above this, and are wanted where it is; INFINITY = it does not matter */
@@ -271,6 +272,7 @@ struct retile_goal {
   double error;      /* to be met, in the mesh's units; 0 = none */
   bool pilot;        /* only to learn how many vertices the error takes */
   double typical;    /* out, with an error: what a small share of the faces misses by, before vertices are added */
+  uint32_t unmapped; /* out: triangles that the map onto the finer level fails for */
 };
 
 /* Moves a share of the level's vertices to where the error is, and the finest level's to where its triangles want them; adds vertices until
@@ -278,6 +280,27 @@ struct retile_goal {
  * level, INFINITY = none. */
 LOD_WARN_UNUSED enum lod_status lead_level(struct tiling *tiling, const struct lod_retile_settings *settings, uint32_t level,
                                            const uint32_t *finer_to, struct retile_goal *goal, struct lod_arena *arena, double *bound);
+
+/* Takes about `most` vertices away, not those `kept` (by vertex; NULL: none), that stand out least; they belong to the finer level then. */
+LOD_WARN_UNUSED enum lod_status lead_thin_out(struct tiling *tiling, uint32_t level, uint32_t most, const bool *kept,
+                                              struct lod_arena *arena);
+/* Vertices of the level as the tiling is; copies of a cut vertex are one. */
+uint32_t lead_count(const struct tiling *tiling);
+
+/* ---- step.c: a level and its map onto the finer one ---- */
+
+struct step {
+  struct tiling *tiling;
+  const struct lod_retile_settings *settings;
+  struct retile_goal *goal;
+  uint32_t number;
+  const struct lod_retile_level *finer; /* NULL: it is the finest */
+  const uint32_t *finer_to;             /* by tiling vertex: in the finer level, or LOD_NONE */
+  uint32_t *vertex_to, *face_to;        /* out, as extract_level */
+  struct lod_arena *arena, *scratch;
+};
+/* Extracts the level. With whole_maps, vertices come back until the overlay maps all of it onto the finer one; a bound is proven anew. */
+LOD_WARN_UNUSED enum lod_status step_finish(struct step *step, double *bound, struct lod_retile_level *level);
 
 /* ---- prune.c ---- */
 

@@ -1,10 +1,11 @@
 /* A level is led by its error: vertices that matter least are taken away, and as many come back where the level misses by most. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/retile/internal.h"
 
-static uint32_t count_vertices(const struct tiling *tiling) {
+uint32_t lead_count(const struct tiling *tiling) {
   uint32_t count = 0;
   for (uint32_t v = 0; v < tiling->vertex_count; v++) { /* the lowest copy counts */
     bool lowest = !tiling->dead[v];
@@ -56,15 +57,14 @@ static enum lod_status take_away(struct tiling *t, uint32_t level, const bool *t
   return LOD_OK;
 }
 
-/* Takes about `most` vertices away that stand out least; they belong to the finer level then. */
-static enum lod_status thin_out(struct tiling *t, uint32_t level, uint32_t most, struct lod_arena *arena) {
+enum lod_status lead_thin_out(struct tiling *t, uint32_t level, uint32_t most, const bool *kept, struct lod_arena *arena) {
   struct costed *list;
   bool *taken;
   uint32_t count = 0;
   RETILE_TRY_NEW(list, arena, t->vertex_count);
   RETILE_TRY_NEW_ZERO(taken, arena, t->vertex_count);
   for (uint32_t v = 0; v < t->vertex_count; v++)
-    if (!t->dead[v] && !t->fixed[v] && t->birth[v] <= level && t->copies[v] == v)
+    if (!t->dead[v] && !t->fixed[v] && t->birth[v] <= level && t->copies[v] == v && (kept == NULL || !kept[v]))
       list[count++] = (struct costed){remove_cost(t, v), v};
   qsort(list, count, sizeof *list, compare_costs);
   for (uint32_t i = 0, done = 0; i < count && done < most; i++)
@@ -123,15 +123,39 @@ static void allow(struct leader *l) {
                     (l->finer_to == NULL ? v < t->sheet->vertex_count || t->birth[v] > l->level : l->finer_to[v] != LOD_NONE);
 }
 
+/* Around faces that miss and stay so: vertices that lie within two rings of them are wanted. */
+static enum lod_status want_around(struct leader *l, double error) {
+  enum { RINGS = 2 };
+  const struct tiling *t = l->tiling;
+  bool *near, *next;
+  RETILE_TRY_NEW_ZERO(near, l->arena, t->vertex_count);
+  RETILE_TRY_NEW_ZERO(next, l->arena, t->vertex_count);
+  memset(l->wanted, 0, t->vertex_count * sizeof *l->wanted);
+  for (uint32_t f = 0; f < t->face_count; f++)
+    for (int k = 0; k < 3 && t->faces[f][0] != LOD_NONE && (double)t->missed[f] > error; k++)
+      near[t->faces[f][k]] = true;
+  for (int ring = 0; ring < RINGS; ring++, near = next)
+    for (uint32_t f = 0; f < t->face_count; f++) {
+      const uint32_t *c = t->faces[f];
+      if (c[0] == LOD_NONE || !(near[c[0]] || near[c[1]] || near[c[2]]))
+        continue;
+      for (int k = 0; k < 3 && ring + 1 < RINGS; k++)
+        next[c[k]] = true;
+      for (uint32_t v = t->flat_head[f]; v != LOD_NONE; v = t->flat_next[v])
+        l->wanted[v] = l->allowed[v];
+    }
+  return LOD_OK;
+}
+
 /* Until the error is proven, or nothing more can be done. */
 static enum lod_status meet_error(struct leader *l, double *bound) {
-  enum { MOST_ROUNDS = 16, SETTLED = 3, REOPENED = 11, STALLED = 4 };
+  enum { MOST_ROUNDS = 16, SETTLED = 3, REOPENED = 11, STALLED = 6, FEW = 3 };
   static const double kAim = 0.8; /* the measure of match is no proof: aim a little lower */
   struct tiling *t = l->tiling;
   const struct retile_goal *goal = l->goal;
   uint32_t least_bad = UINT32_MAX, stalled = 0;
   for (int round = 0; round < MOST_ROUNDS; round++) {
-    uint32_t count = count_vertices(t), inserted = 0, bad;
+    uint32_t count = lead_count(t), inserted = 0, bad;
     allow(l);
     if (count < goal->most)
       LOD_TRY(insert_vertices(t, l->allowed, l->level, goal->most - count, (round == 0 ? kAim : 1) * goal->error, INSERT_MISSED, l->arena,
@@ -152,14 +176,19 @@ static enum lod_status meet_error(struct leader *l, double *bound) {
     if (stalled == STALLED)
       break;
     allow(l);
-    if (round < REOPENED)
+    if (stalled > 1)
+      LOD_TRY(want_around(l, goal->error));
+    else if (round < REOPENED)
       LOD_TRY(reopen(t, l->level, goal->error, l->allowed, l->arena));
     allow(l);
     for (uint32_t v = 0; v < t->vertex_count; v++)
       l->wanted[v] = l->wanted[v] && l->allowed[v];
-    count = count_vertices(t);
+    count = lead_count(t);
+    uint32_t most = goal->most - count;
+    if (stalled > 1)
+      most = most < FEW + bad ? most : FEW + bad;
     if (round > 0 && count < goal->most)
-      LOD_TRY(insert_vertices(t, l->wanted, l->level, goal->most - count, 0, INSERT_ALL, l->arena, &inserted));
+      LOD_TRY(insert_vertices(t, l->wanted, l->level, most, 0, INSERT_ALL, l->arena, &inserted));
   }
   return LOD_OK;
 }
@@ -171,14 +200,14 @@ static enum lod_status lead(struct leader *l, double *bound) {
   struct tiling *t = l->tiling;
   struct retile_goal *goal = l->goal;
   double worst = match_worst(t);
-  uint32_t inserted, count = count_vertices(t);
+  uint32_t inserted, count = lead_count(t);
   uint32_t most = worst > kNoError * sqrt(t->sheet->area) ? (uint32_t)lrint(l->settings->lead * goal->vertices) : 0;
   if (l->finer_to == NULL)
     settle_vertices(t, l->level, l->settings->settle / 2, fmax(kTolerated * worst, 0.8 * goal->error));
   if (count + most > goal->vertices)
-    LOD_TRY(thin_out(t, l->level, count + most - goal->vertices, l->arena));
+    LOD_TRY(lead_thin_out(t, l->level, count + most - goal->vertices, NULL, l->arena));
   allow(l);
-  count = count_vertices(t);
+  count = lead_count(t);
   if (count < goal->vertices)
     LOD_TRY(insert_vertices(t, l->allowed, l->level, goal->vertices - count, 0, INSERT_FILL, l->arena, &inserted));
   t->enough = kTolerated * match_worst(t);

@@ -54,17 +54,19 @@ enum lod_status lod_retile_check_map(const struct lod_retile_level *level, const
       p[k] = &level->flat[finer->mesh.triangles[t][k]];
     int weighs = p[0]->weights[0] != 0 ? 0 : p[0]->weights[1] != 0 ? 1 : 2;
     uint32_t v = level->mesh.triangles[p[0]->face][weighs];
-    bool inside = false, upright = false; /* on one of the two triangles of a pillow it is, on the other not */
+    bool inside = false, upright = false, flat = false; /* on one of the two triangles of a pillow it is upright, on the other not */
     for (uint32_t i = adjacency.vertex_begin[v]; i < adjacency.vertex_begin[v + 1] && !upright; i++) {
       uint32_t face = adjacency.vertex_corners[i] / 3;
       int64_t w[3][3];
       if (on_face(&level->mesh, p[0], face, w[0]) && on_face(&level->mesh, p[1], face, w[1]) && on_face(&level->mesh, p[2], face, w[2])) {
         inside = true;
         upright = twice_area(w) > 0;
+        flat = flat || twice_area(w) == 0;
       }
     }
     facts->inside += inside;
-    facts->folded += inside && !upright;
+    facts->folded += inside && !upright && !flat;
+    facts->flattened += inside && !upright && flat;
     facts->straddling += !inside;
   }
   lod_arena_destroy(scratch);

@@ -39,6 +39,7 @@ struct remover {
   struct tiling *tiling;
   bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level);
   uint32_t level;
+  double least_facing; /* cosine that a new triangle's normal must have with the surface's; -1: never mind */
   struct entry *heap;
   uint32_t heap_count, heap_capacity;
   uint32_t *stamp;
@@ -210,14 +211,26 @@ static struct lod_vec3 normal_of(const struct tiling *t, uint32_t a, uint32_t b,
   return lod_vec3_cross(lod_vec3_subtract(t->positions[b], t->positions[a]), lod_vec3_subtract(t->positions[c], t->positions[a]));
 }
 
+/* Does the triangle look at least so much the way that the surface does? */
+static bool looks_right(const struct tiling *t, const uint32_t v[3], struct lod_vec3 n, struct lod_vec3 facing, double least) {
+  bool right = lod_vec3_dot(n, facing) >= least;
+  for (int k = 0; k < 3 && right; k++) /* on lines a normal is a mean over both sides and says nothing */
+    right = (v[k] < t->sheet->vertex_count && t->sheet->on_line[v[k]]) || lod_vec3_dot(n, t->normals[v[k]]) >= least;
+  return right;
+}
+
 /* Short edges, and triangles that look the way the old ones did; a triangle that looks away costs dearly. */
-static double triangle_cost(const struct tiling *t, const struct star *s, uint8_t a, uint8_t b, uint8_t c, struct lod_vec3 facing) {
+static double triangle_cost(const struct remover *r, uint8_t a, uint8_t b, uint8_t c, struct lod_vec3 facing) {
+  const struct tiling *t = r->tiling;
+  const struct star *s = &r->star;
   uint32_t v[3] = {s->ring[a], s->ring[b], s->ring[c]};
   double sides = 0;
   for (int k = 0; k < 3; k++)
     sides += lod_vec3_distance_squared(t->positions[v[k]], t->positions[v[(k + 1) % 3]]);
   struct lod_vec3 n = lod_vec3_normalize(normal_of(t, v[0], v[1], v[2]));
   double away = 1 - lod_vec3_dot(n, facing);
+  if (r->least_facing > -1 && !looks_right(t, v, n, facing, r->least_facing))
+    return INFINITY;
   return sides * (1 + 3 * away + (away > 0.8 ? 30 * (away - 0.8) : 0));
 }
 
@@ -261,7 +274,7 @@ static bool fill(struct remover *r, const struct polygon *p) {
         double sum = by_angle ? fmax(r->cost[i][k], r->cost[k][j]) : r->cost[i][k] + r->cost[k][j];
         if (!(sum < r->cost[i][j]) || chart_orient(s->at[a], s->at[b], s->at[c]) <= 0)
           continue;
-        sum = by_angle ? fmax(sum, angle_cost(t, s, a, b, c)) : sum + triangle_cost(t, s, a, b, c, facing);
+        sum = by_angle ? fmax(sum, angle_cost(t, s, a, b, c)) : sum + triangle_cost(r, a, b, c, facing);
         if (sum < r->cost[i][j]) {
           r->cost[i][j] = sum;
           r->apex[i][j] = (uint8_t)k;
@@ -484,6 +497,41 @@ static struct entry pop(struct remover *r) {
   return top;
 }
 
+/* Removes what can be; *left: what cannot. */
+static enum lod_status remove_all(struct remover *r, uint32_t *left) {
+  struct tiling *t = r->tiling;
+  *left = 0;
+  for (uint32_t v = 0; v < t->vertex_count; v++)
+    if (!t->dead[v] && r->which(t, v, r->level)) {
+      ++*left;
+      if (!t->fixed[v])
+        LOD_TRY(push(r, v));
+    }
+  while (r->heap_count != 0) {
+    struct entry entry = pop(r);
+    if (entry.stamp != r->stamp[entry.v] || t->dead[entry.v] || !remove_vertex(r, entry.v))
+      continue;
+    --*left;
+    for (uint32_t i = 0; i < r->star.ring_count; i++)
+      if (!t->fixed[r->star.ring[i]] && r->which(t, r->star.ring[i], r->level))
+        LOD_TRY(push(r, r->star.ring[i]));
+  }
+  return LOD_OK;
+}
+
+static uint32_t count_alive(const struct tiling *t) {
+  uint32_t count = 0;
+  for (uint32_t v = 0; v < t->vertex_count; v++)
+    count += !t->dead[v];
+  return count;
+}
+
+/* Triangles that look away from the surface are put off: around handles and in thin parts they take edges to the wrong side, from where no
+ * map leads back (overlay.h). A few that nothing else can do without are let pass; where there are many, the surface has more holes than
+ * the level has vertices for, and these stay. */
+enum { PHASES = 3 };
+static const double kLeastFacing[PHASES] = {0, -0.3, -1}, kFew = 0.02;
+
 enum lod_status remove_vertices(struct tiling *tiling, bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level),
                                 uint32_t level, struct lod_arena *arena, uint32_t *left) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
@@ -497,23 +545,13 @@ enum lod_status remove_vertices(struct tiling *tiling, bool (*which)(const struc
     status = r->heap == NULL || r->stamp == NULL || r->place == NULL ? LOD_MEMORY : LOD_OK;
   }
   uint32_t remaining = 0;
-  if (status == LOD_OK) {
+  if (status == LOD_OK)
     memset(r->place, -1, tiling->vertex_count);
-    for (uint32_t v = 0; status == LOD_OK && v < tiling->vertex_count; v++)
-      if (!tiling->dead[v] && which(tiling, v, level)) {
-        remaining++;
-        if (!tiling->fixed[v])
-          status = push(r, v);
-      }
-  }
-  while (status == LOD_OK && r->heap_count != 0) {
-    struct entry entry = pop(r);
-    if (entry.stamp != r->stamp[entry.v] || tiling->dead[entry.v] || !remove_vertex(r, entry.v))
-      continue;
-    remaining--;
-    for (uint32_t i = 0; i < r->star.ring_count && status == LOD_OK; i++)
-      if (!tiling->fixed[r->star.ring[i]] && which(tiling, r->star.ring[i], level))
-        status = push(r, r->star.ring[i]);
+  for (int phase = tiling->upright ? 0 : PHASES - 1; status == LOD_OK && phase < PHASES; phase++) {
+    r->least_facing = kLeastFacing[phase];
+    status = remove_all(r, &remaining);
+    if (phase + 2 == PHASES && remaining > kFew * count_alive(tiling))
+      break;
   }
   lod_arena_destroy(scratch);
   *left = remaining;

@@ -23,7 +23,8 @@ struct lod_retile_settings lod_retile_defaults(void) {
                                       .corner_degrees = 45,
                                       .lead = 0.03,
                                       .settle = 4,
-                                      .flips = 4};
+                                      .flips = 4,
+                                      .whole_maps = true};
 }
 
 struct lod_retile_settings lod_retile_turk(void) {
@@ -39,6 +40,7 @@ struct lod_retile_settings lod_retile_turk(void) {
   s.flips = 2;
   s.lead = 0;
   s.settle = 0;
+  s.whole_maps = false;
   return s;
 }
 
@@ -149,27 +151,6 @@ static bool too_fine(const struct tiling *tiling, uint32_t v, uint32_t level) {
   return tiling->birth[v] > level;
 }
 
-/* Where the finer level's vertices lie on the level just built. */
-static enum lod_status record_step(const struct tiling *tiling, struct lod_retile_level *level, const struct lod_retile_level *finer,
-                                   const uint32_t *finer_to, const uint32_t *vertex_to, const uint32_t *face_to, struct lod_arena *arena) {
-  RETILE_TRY_NEW(level->parents, arena, level->mesh.vertex_count);
-  RETILE_TRY_NEW(level->flat, arena, finer->mesh.vertex_count);
-  for (uint32_t v = 0; v < tiling->vertex_count; v++) {
-    if (finer_to[v] == LOD_NONE)
-      continue;
-    struct lod_retile_point *at = &level->flat[finer_to[v]];
-    if (vertex_to[v] != LOD_NONE) {
-      level->parents[vertex_to[v]] = finer_to[v];
-      *at = (struct lod_retile_point){.face = face_to[tiling->corner[v] / 3]};
-      at->weights[tiling->corner[v] % 3] = LOD_RETILE_ONE;
-    } else {
-      *at = tiling->flat[v];
-      at->face = at->face == LOD_NONE ? LOD_NONE : face_to[at->face];
-    }
-  }
-  return LOD_OK;
-}
-
 static enum lod_status build_levels(struct tiling *tiling, const struct lod_retile_settings *settings, struct retile_goal *goals,
                                     const struct lod_progress *progress, struct lod_arena *arena, struct lod_arena *scratch,
                                     struct lod_retile *retile) {
@@ -195,11 +176,19 @@ static enum lod_status build_levels(struct tiling *tiling, const struct lod_reti
     double bound = INFINITY;
     if (tiling->source != NULL)
       LOD_TRY(lead_level(tiling, settings, k, k + 1 < retile->level_count ? maps[(k + 1) % 2] : NULL, &goals[k], scratch, &bound));
-    LOD_TRY(extract_level(tiling, k, arena, level, maps[k % 2], face_to));
+    struct step step = {.tiling = tiling,
+                        .settings = settings,
+                        .goal = &goals[k],
+                        .number = k,
+                        .finer = k + 1 < retile->level_count ? level + 1 : NULL,
+                        .finer_to = maps[(k + 1) % 2],
+                        .vertex_to = maps[k % 2],
+                        .face_to = face_to,
+                        .arena = arena,
+                        .scratch = scratch};
+    LOD_TRY(step_finish(&step, &bound, level));
     level->bound = bound;
-    level->missed = tiling->source == NULL ? 0 : match_worst(tiling);
-    if (k + 1 < retile->level_count)
-      LOD_TRY(record_step(tiling, level, &retile->levels[k + 1], maps[(k + 1) % 2], maps[k % 2], face_to, arena));
+    level->missed = tiling->source == NULL ? 0 : fmin(match_worst(tiling), bound);
   }
   return LOD_OK;
 }
@@ -221,6 +210,7 @@ static enum lod_status attempt(const struct cleaned *cleaned, const struct lod_r
   tiling.enough = INFINITY;
   tiling.measure = settings->measure;
   tiling.projection = settings->projection;
+  tiling.upright = settings->whole_maps;
   tiling.source = bvh;
   return build_levels(&tiling, settings, goals, progress, arena, scratch, retile);
 }
@@ -242,6 +232,38 @@ static bool correct_goals(struct retile_goal *goals, uint32_t level_count) {
   for (uint32_t k = 1; k < level_count; k++) /* levels stay in order */
     goals[k].vertices = goals[k].vertices < goals[k - 1].vertices ? goals[k - 1].vertices : goals[k].vertices;
   return changed;
+}
+
+/* A level that even with vertices put back is not mapped whole gets more to begin with. False when all are mapped. */
+static bool relax_goals(struct retile_goal *goals, uint32_t level_count) {
+  static const double kMore = 1.5;
+  bool changed = false;
+  for (uint32_t k = level_count - 1; k-- > 0;) {
+    if (goals[k].unmapped == 0)
+      continue;
+    uint32_t more = (uint32_t)fmin(kMore * goals[k].vertices + 8, goals[k + 1].vertices);
+    changed = changed || more > goals[k].vertices;
+    goals[k].vertices = more > goals[k].vertices ? more : goals[k].vertices;
+    goals[k].most = goals[k].most < more ? more : goals[k].most;
+  }
+  return changed;
+}
+
+/* Levels in an arena of their own, with numbers relaxed until their maps are whole. */
+static enum lod_status create_whole(const struct cleaned *cleaned, const struct lod_retile_settings *settings, struct retile_goal *goals,
+                                    const struct lod_bvh *bvh, const struct lod_progress *progress, struct lod_arena *arena,
+                                    struct lod_arena *scratch, struct lod_retile *retile) {
+  enum { MOST_TRIES = 5 };
+  for (int try = 0;; try++) {
+    struct lod_arena *own = lod_arena_create_child(arena), *work = lod_arena_create_child(scratch);
+    enum lod_status status = own == NULL || work == NULL ? LOD_MEMORY : attempt(cleaned, settings, goals, bvh, progress, own, work, retile);
+    lod_arena_destroy(work);
+    bool again = status == LOD_OK && settings->whole_maps && try + 1 < MOST_TRIES && relax_goals(goals, retile->level_count);
+    if (again || status != LOD_OK)
+      lod_arena_destroy(own);
+    if (!again)
+      return status;
+  }
 }
 
 static enum lod_status create(const struct lod_mesh *source, const struct lod_retile_settings *settings,
@@ -272,7 +294,7 @@ static enum lod_status create(const struct lod_mesh *source, const struct lod_re
   }
   for (uint32_t k = 0; k < retile->level_count; k++)
     goals[k].pilot = false;
-  return attempt(&cleaned, settings, goals, bvh, progress, arena, scratch, retile);
+  return create_whole(&cleaned, settings, goals, bvh, progress, arena, scratch, retile);
 }
 
 enum lod_status lod_retile_create(const struct lod_mesh *mesh, const struct lod_retile_settings *settings,

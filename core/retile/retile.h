@@ -19,8 +19,10 @@
  *
  * Creases are lines from the coarsest level on whose vertices can afford them; other lines in every level.
  *
- * Fragments (Turk 1992, 6.2) are core/mesh/overlay.h's, which any nested family can use; `flat` is the record of removal, and
- * lod_retile_check_map says how many of its triangles lie on one coarse triangle, and how many of these fold.
+ * Fragments (Turk 1992, 6.2) are core/mesh/overlay.h's, which any nested family can use. A level is built such that the overlay maps all
+ * of it one to one onto the finer one (`whole_maps`): where it does not, vertices come back, and a surface of more holes than a number of
+ * vertices can map keeps more. `flat` is the overlay's, too; without whole_maps it is the record of removal (Turk's way), which may fold:
+ * lod_retile_check_map says how many finer triangles lie on one coarse triangle, and how many of these are turned over.
  *
  * The error leads (Turk 1992, 8). Each level gives up a share of its vertices, those that stand out least, and gets as many back where it
  * misses the source by most; flips know the error; the finest level's vertices move over the source to where its triangles want them
@@ -102,7 +104,10 @@ struct lod_retile_settings {
   /* Direction of curvature (Turk 1992, 8): normals that differ count as distance, by this many mean spacings for a right angle, so that
    * points lie closer across a bend than along it; 0: not. After Levy, Bonneel. Variational Anisotropic Surface Meshing. 2012. */
   double anisotropy;
-  uint32_t flips;   /* passes over all edges of a level for better triangles; 4 */
+  uint32_t flips; /* passes over all edges of a level for better triangles; 4 */
+  /* Every coarse triangle of every step is mapped one to one by core/mesh/overlay.h: where one is not, vertices of the finer level come
+   * back into the level, and as many go elsewhere; a level of more holes than its number can map keeps more. true. Turk: false. */
+  bool whole_maps;
   uint32_t threads; /* as lod_parallel_for; results do not depend on it */
 };
 struct lod_retile_settings lod_retile_defaults(void);
@@ -150,7 +155,8 @@ LOD_WARN_UNUSED enum lod_status lod_retile_tessellate(const struct lod_mesh *mes
 struct lod_retile_map_facts {
   bool valid;          /* every finer vertex lies on a triangle, weights add up, coarse vertices lie on themselves */
   uint32_t inside;     /* finer triangles whose three corners lie on one coarse triangle ... */
-  uint32_t folded;     /* ... of these: turned over, or without area, when they are flattened */
+  uint32_t folded;     /* ... of these: turned over when they are flattened */
+  uint32_t flattened;  /* ... of these: without area: their corners lie on one coarse edge, and the overlay bends their sides off it */
   uint32_t straddling; /* finer triangles that lie on several coarse ones */
 };
 LOD_WARN_UNUSED enum lod_status lod_retile_check_map(const struct lod_retile_level *level, const struct lod_retile_level *finer,

@@ -54,17 +54,14 @@ static void list_edges(struct web *web) {
 /* Drops webs of creases that are short as a whole. */
 static enum lod_status drop_lone_creases(struct web *web, double least, struct lod_arena *scratch) {
   uint32_t count = web->mesh->vertex_count;
-  uint32_t *parent;
+  uint32_t *parent = lod_sets_create(scratch, count);
   double *length;
-  RETILE_TRY_NEW(parent, scratch, count);
+  if (parent == NULL)
+    return LOD_MEMORY;
   RETILE_TRY_NEW_ZERO(length, scratch, count);
-  for (uint32_t v = 0; v < count; v++)
-    parent[v] = v;
   for (uint32_t e = 0; e < web->adjacency->edge_count; e++)
-    if (web->flags[e] != 0) {
-      uint32_t a = lod_sets_find(parent, web->ends[e][0]), b = lod_sets_find(parent, web->ends[e][1]);
-      parent[a > b ? a : b] = a > b ? b : a;
-    }
+    if (web->flags[e] != 0)
+      lod_sets_join(parent, web->ends[e][0], web->ends[e][1]);
   for (uint32_t e = 0; e < web->adjacency->edge_count; e++)
     if (web->flags[e] != 0)
       length[lod_sets_find(parent, web->ends[e][0])] += web->flags[e] == LOD_FEATURE_CREASE ? edge_length(web, e) : INFINITY;
