@@ -22,52 +22,67 @@ static double corner_angle(const struct lod_mesh *mesh, uint32_t t, int k) {
   return atan2(lod_vec3_length(lod_vec3_cross(a, b)), lod_vec3_dot(a, b));
 }
 
-static enum lod_status vertex_normals(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_vec3 **normals) {
-  struct lod_vec3 *n = LOD_NEW_ZERO(arena, mesh->vertex_count, struct lod_vec3);
-  if (n == NULL)
-    return LOD_MEMORY;
-  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
-    struct lod_vec3 p = corner_position(mesh, t, 0);
-    struct lod_vec3 face = lod_vec3_normalize(
-        lod_vec3_cross(lod_vec3_subtract(corner_position(mesh, t, 1), p), lod_vec3_subtract(corner_position(mesh, t, 2), p)));
-    for (int k = 0; k < 3; k++)
-      n[mesh->triangles[t][k]] = lod_vec3_add_scaled(n[mesh->triangles[t][k]], face, corner_angle(mesh, t, k));
-  }
-  for (uint32_t v = 0; v < mesh->vertex_count; v++)
-    n[v] = lod_vec3_normalize(n[v]);
-  *normals = n;
-  return LOD_OK;
-}
-
 static struct lod_vec3 face_normal(const struct lod_mesh *mesh, uint32_t t) {
   struct lod_vec3 p = corner_position(mesh, t, 0);
   return lod_vec3_normalize(
       lod_vec3_cross(lod_vec3_subtract(corner_position(mesh, t, 1), p), lod_vec3_subtract(corner_position(mesh, t, 2), p)));
 }
 
-/* The normal at each corner, of the faces at its vertex that bend from its own by less than a crease. */
-static enum lod_status corner_normals(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, double crease_degrees,
-                                      struct lod_arena *arena, struct lod_vec3 **result) {
-  enum { MOST_FACES = 64 }; /* of a vertex looked at pair by pair; at a larger hub all count */
-  double least = cos(crease_degrees * (3.14159265358979323846 / 180));
-  struct lod_vec3 *faces = LOD_NEW(arena, mesh->triangle_count, struct lod_vec3);
-  struct lod_vec3 *normals = LOD_NEW_ZERO(arena, 3 * (size_t)mesh->triangle_count, struct lod_vec3);
-  if (faces == NULL || normals == NULL)
+/* By corner: its triangle's normal times its angle, which every sum of normals here is made of. */
+static enum lod_status weigh_corners(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_vec3 **faces,
+                                     struct lod_vec3 **weighted) {
+  *faces = LOD_NEW(arena, mesh->triangle_count, struct lod_vec3);
+  *weighted = LOD_NEW(arena, 3 * (size_t)mesh->triangle_count, struct lod_vec3);
+  if (*faces == NULL || *weighted == NULL)
+    return LOD_MEMORY;
+  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+    (*faces)[t] = face_normal(mesh, t);
+    for (int k = 0; k < 3; k++)
+      (*weighted)[3 * (size_t)t + (size_t)k] = lod_vec3_scale((*faces)[t], corner_angle(mesh, t, k));
+  }
+  return LOD_OK;
+}
+
+static enum lod_status vertex_normals(const struct lod_mesh *mesh, const struct lod_vec3 *weighted, struct lod_arena *arena,
+                                      struct lod_vec3 **normals) {
+  struct lod_vec3 *n = LOD_NEW_ZERO(arena, mesh->vertex_count, struct lod_vec3);
+  if (n == NULL)
     return LOD_MEMORY;
   for (uint32_t t = 0; t < mesh->triangle_count; t++)
-    faces[t] = face_normal(mesh, t);
+    for (int k = 0; k < 3; k++)
+      n[mesh->triangles[t][k]] = lod_vec3_add(n[mesh->triangles[t][k]], weighted[3 * (size_t)t + (size_t)k]);
+  for (uint32_t v = 0; v < mesh->vertex_count; v++)
+    n[v] = lod_vec3_normalize(n[v]);
+  *normals = n;
+  return LOD_OK;
+}
+
+/* The normal at each corner, of the faces at its vertex that bend from its own by less than a crease. */
+static enum lod_status corner_normals(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, double crease_degrees,
+                                      const struct lod_vec3 *faces, const struct lod_vec3 *weighted, struct lod_arena *arena,
+                                      struct lod_vec3 **result) {
+  enum { MOST_FACES = 64 }; /* of a vertex looked at pair by pair; at a larger hub all count */
+  double least = cos(crease_degrees * (3.14159265358979323846 / 180));
+  struct lod_vec3 *normals = LOD_NEW_ZERO(arena, 3 * (size_t)mesh->triangle_count, struct lod_vec3);
+  if (normals == NULL)
+    return LOD_MEMORY;
   for (uint32_t v = 0; v < mesh->vertex_count; v++) {
     const uint32_t *corners = adjacency->vertex_corners + adjacency->vertex_begin[v];
     uint32_t count = adjacency->vertex_begin[v + 1] - adjacency->vertex_begin[v];
     struct lod_vec3 all = {0, 0, 0};
-    for (uint32_t i = 0; i < count; i++)
-      all = lod_vec3_add_scaled(all, faces[corners[i] / 3], corner_angle(mesh, corners[i] / 3, (int)(corners[i] % 3)));
+    bool smooth = true;
     for (uint32_t i = 0; i < count; i++) {
-      struct lod_vec3 sum = count > MOST_FACES ? all : lod_vec3_make(0, 0, 0), own = faces[corners[i] / 3];
-      for (uint32_t j = 0; j < count && count <= MOST_FACES; j++)
+      all = lod_vec3_add(all, weighted[corners[i]]);
+      for (uint32_t j = 0; j < i && smooth && count <= MOST_FACES; j++)
+        smooth = lod_vec3_dot(faces[corners[i] / 3], faces[corners[j] / 3]) >= least;
+    }
+    all = lod_vec3_normalize(all);
+    for (uint32_t i = 0; i < count; i++) {
+      struct lod_vec3 sum = {0, 0, 0}, own = faces[corners[i] / 3];
+      for (uint32_t j = 0; j < count && !smooth; j++)
         if (j == i || lod_vec3_dot(own, faces[corners[j] / 3]) >= least)
-          sum = lod_vec3_add_scaled(sum, faces[corners[j] / 3], corner_angle(mesh, corners[j] / 3, (int)(corners[j] % 3)));
-      normals[corners[i]] = lod_vec3_normalize(sum);
+          sum = lod_vec3_add(sum, weighted[corners[j]]);
+      normals[corners[i]] = smooth ? all : lod_vec3_normalize(sum);
     }
   }
   *result = normals;
@@ -138,9 +153,10 @@ static void add_turned(const struct frame *face, const double tensor[3], const s
 
 static enum lod_status by_tensor(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, double crease_degrees,
                                  struct lod_arena *arena, struct lod_arena *scratch, struct lod_curvature *c) {
-  struct lod_vec3 *normals, *corners;
-  LOD_TRY(corner_normals(mesh, adjacency, crease_degrees, scratch, &corners));
-  LOD_TRY(vertex_normals(mesh, scratch, &normals));
+  struct lod_vec3 *normals, *corners, *faces, *weighted;
+  LOD_TRY(weigh_corners(mesh, scratch, &faces, &weighted));
+  LOD_TRY(corner_normals(mesh, adjacency, crease_degrees, faces, weighted, scratch, &corners));
+  LOD_TRY(vertex_normals(mesh, weighted, scratch, &normals));
   double(*sums)[4] = lod_arena_calloc(scratch, mesh->vertex_count, sizeof *sums);
   c->principal = lod_arena_calloc(arena, mesh->vertex_count, sizeof *c->principal);
   c->directions = LOD_NEW_ZERO(arena, mesh->vertex_count, struct lod_vec3);
@@ -184,8 +200,9 @@ static enum lod_status by_tensor(const struct lod_mesh *mesh, const struct lod_a
 }
 
 static enum lod_status by_radius(const struct lod_mesh *mesh, struct lod_arena *scratch, struct lod_curvature *c) {
-  struct lod_vec3 *normals;
-  LOD_TRY(vertex_normals(mesh, scratch, &normals));
+  struct lod_vec3 *normals, *faces, *weighted;
+  LOD_TRY(weigh_corners(mesh, scratch, &faces, &weighted));
+  LOD_TRY(vertex_normals(mesh, weighted, scratch, &normals));
   double *own = LOD_NEW_ZERO(scratch, mesh->vertex_count, double);
   uint32_t *count = LOD_NEW_ZERO(scratch, mesh->vertex_count, uint32_t);
   if (own == NULL || count == NULL)

@@ -144,13 +144,13 @@ static enum lod_status add_slot(struct overlay_work *w, struct overlay_sector *s
 
 /* Adds slots counter-clockwise from slot `slot` of `corner` up to the next path. When that is the one that it began behind, the slots
  * before it in its own corner come last. */
-static enum lod_status scan(struct overlay_work *w, uint32_t corner, uint32_t slot, bool all, struct overlay_sector *sector) {
+static enum lod_status scan(struct overlay_work *w, uint32_t corner, uint32_t slot, enum overlay_ways ways, struct overlay_sector *sector) {
   for (uint32_t first = corner, stop = slot;;) {
     struct overlay_pattern p = overlay_pattern_of(w, corner / 3);
     uint32_t k = corner % 3, spokes = p.apex == k ? p.spokes : 0;
-    if (p.arcs[k] == 0 && (p.apex == 3 || p.apex == k))
+    if (p.arcs[k] == 0 && (p.apex == 3 || p.apex == k || ways == OVERLAY_WAYS_ALONG))
       LOD_TRY(add_slot(w, sector, corner, slot));
-    else if (all)
+    else if (ways == OVERLAY_WAYS_ALL)
       LOD_TRY(add_slot(w, sector, corner, 0));
     if (slot < spokes)
       return LOD_OK;
@@ -174,7 +174,7 @@ static uint32_t spoke_index(const struct overlay_work *w, uint32_t corner, uint3
   return 0; /* not reached: a path has its spoke at each end */
 }
 
-enum lod_status overlay_find_sector(struct overlay_work *w, uint32_t p, int end, bool all, struct overlay_sector *sector) {
+enum lod_status overlay_find_sector(struct overlay_work *w, uint32_t p, int end, enum overlay_ways ways, struct overlay_sector *sector) {
   uint32_t e = end == 0 ? p : w->c.twin[p], before = placed_before(w, e);
   sector->count = 0;
   if (before != LOD_NONE) {
@@ -182,16 +182,16 @@ enum lod_status overlay_find_sector(struct overlay_work *w, uint32_t p, int end,
     const struct overlay_path *path = &w->paths[q];
     int its_end = before == q ? 0 : 1;
     if (path->state == PATH_CROSSING)
-      return scan(w, path->corner[its_end], spoke_index(w, path->corner[its_end], q) + 1, all, sector);
+      return scan(w, path->corner[its_end], spoke_index(w, path->corner[its_end], q) + 1, ways, sector);
     uint32_t h = its_end == 0 ? w->steps[path->first] : w->f.twin[w->steps[path->first + path->count - 1]];
-    return h == LOD_NONE ? LOD_OK : scan(w, h, 0, all, sector);
+    return h == LOD_NONE ? LOD_OK : scan(w, h, 0, ways, sector);
   }
   uint32_t vertex = w->parents[lod_half_edge_start(w->coarse, e)], fan = w->fan_to[w->c.fan_of[e]], previous = LOD_NONE;
   for (uint32_t i = w->f.vertex_begin[vertex]; i < w->f.vertex_begin[vertex + 1]; i++) {
     uint32_t corner = w->f.vertex_corners[i], own = w->f.fan_of[corner];
     bool wanted = fan == LOD_NONE ? w->fan_from[own] == LOD_NONE : own == fan;
     if (wanted && own != previous)
-      LOD_TRY(scan(w, corner, 0, all, sector));
+      LOD_TRY(scan(w, corner, 0, ways, sector));
     previous = own;
   }
   return LOD_OK;

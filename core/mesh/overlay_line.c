@@ -58,10 +58,10 @@ static uint32_t coarse_edge_between(const struct overlay_work *w, uint32_t a, ui
 static enum lod_status try_along(struct overlay_work *w, uint32_t e, uint32_t begin, struct overlay_sector *sector, bool *placed) {
   uint32_t p = overlay_canonical(w->c.twin, e), first = w->steps[begin], last = w->f.twin[w->steps[w->step_count - 1]];
   *placed = false;
-  LOD_TRY(overlay_find_sector(w, p, e == p ? 0 : 1, false, sector));
+  LOD_TRY(overlay_find_sector(w, p, e == p ? 0 : 1, OVERLAY_WAYS_ALONG, sector));
   if (!overlay_sector_has_edge(w, sector, first))
     return LOD_OK;
-  LOD_TRY(overlay_find_sector(w, p, e == p ? 1 : 0, false, sector));
+  LOD_TRY(overlay_find_sector(w, p, e == p ? 1 : 0, OVERLAY_WAYS_ALONG, sector));
   if (!overlay_sector_has_edge(w, sector, last))
     return LOD_OK;
   if (e != p) { /* steps run the path's way */

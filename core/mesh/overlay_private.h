@@ -111,8 +111,12 @@ struct overlay_sector {
   struct overlay_slot *slots;
   uint32_t count, capacity;
 };
-/* end: 0 = at the start of path p, 1 = at its end. all: corners that arcs cut off, which are left out otherwise, have a slot too. */
-LOD_WARN_UNUSED enum lod_status overlay_find_sector(struct overlay_work *w, uint32_t p, int end, bool all, struct overlay_sector *sector);
+/* Corners that a path may leave by: into the triangle, to its far side; along an edge, too, which leads out of corners that spokes of
+ * others cut off from the far side; or all, whoever is in the way. */
+enum overlay_ways { OVERLAY_WAYS_ACROSS, OVERLAY_WAYS_ALONG, OVERLAY_WAYS_ALL };
+/* end: 0 = at the start of path p, 1 = at its end. */
+LOD_WARN_UNUSED enum lod_status overlay_find_sector(struct overlay_work *w, uint32_t p, int end, enum overlay_ways ways,
+                                                    struct overlay_sector *sector);
 /* Is finer half-edge h, which starts at the vertex, in the sector and free? */
 bool overlay_sector_has_edge(const struct overlay_work *w, const struct overlay_sector *sector, uint32_t h);
 /* Remembers which fans belong together. */

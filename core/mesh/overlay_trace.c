@@ -299,8 +299,8 @@ static enum lod_status run(struct search *s, double limit, double penalty, uint3
   s->state_count = s->heap_count = 0;
   s->limit = limit;
   s->penalty = penalty;
-  LOD_TRY(overlay_find_sector(w, s->path, 0, penalty > 0, &s->from));
-  LOD_TRY(overlay_find_sector(w, s->path, 1, penalty > 0, &s->to));
+  LOD_TRY(overlay_find_sector(w, s->path, 0, penalty > 0 ? OVERLAY_WAYS_ALL : OVERLAY_WAYS_ACROSS, &s->from));
+  LOD_TRY(overlay_find_sector(w, s->path, 1, penalty > 0 ? OVERLAY_WAYS_ALL : OVERLAY_WAYS_ACROSS, &s->to));
   LOD_TRY(leave(s));
   while (s->heap_count > 0 && s->state_count < MAX_STATES) {
     uint32_t at = pop_heap(s);
@@ -354,6 +354,32 @@ static void aim(struct search *s, uint32_t p) {
   s->across = lod_vec3_cross(normal, along);
 }
 
+static void rip_noted(struct search *s) {
+  struct overlay_work *w = s->w;
+  for (uint32_t i = 0; i < s->ripped_count; i++) {
+    overlay_rip(w, s->ripped[i]);
+    if (w->paths[s->ripped[i]].rips < UINT8_MAX)
+      w->paths[s->ripped[i]].rips++;
+  }
+}
+
+/* Neighbours on the finer surface: the edge between them, when what crosses it has given way. */
+static enum lod_status clear_edge(struct search *s, bool *placed) {
+  struct overlay_work *w = s->w;
+  *placed = false;
+  for (uint32_t i = w->f.vertex_begin[s->a]; i < w->f.vertex_begin[s->a + 1] && !*placed; i++) {
+    uint32_t h = w->f.vertex_corners[i], count = w->f.twin[h] == LOD_NONE ? 0 : overlay_count(w, h);
+    if (count == 0 || lod_half_edge_end(w->fine, h) != s->b)
+      continue;
+    for (uint32_t k = 0; k < count; k++)
+      LOD_TRY(note_ripped(s, w->crossings[overlay_crossing_at(w, h, k)].path));
+    rip_noted(s);
+    LOD_TRY(overlay_retake_edge(w, s->path, &s->from, placed));
+    break; /* what has given way is traced again, wherever this leads */
+  }
+  return LOD_OK;
+}
+
 /* Traces path p, or moves what is in its way: those paths are in s->ripped afterwards. */
 static enum lod_status trace(struct search *s, uint32_t p, double unit) {
   struct overlay_work *w = s->w;
@@ -371,11 +397,12 @@ static enum lod_status trace(struct search *s, uint32_t p, double unit) {
     LOD_TRY(run(s, INFINITY, PRICE * length, &goal));
     if (goal != LOD_NONE) {
       LOD_TRY(note_all(s, goal));
-      for (uint32_t i = 0; i < s->ripped_count; i++) {
-        overlay_rip(w, s->ripped[i]);
-        if (w->paths[s->ripped[i]].rips < UINT8_MAX)
-          w->paths[s->ripped[i]].rips++;
-      }
+      rip_noted(s);
+    } else {
+      w->paths[p].rips++;
+      LOD_TRY(clear_edge(s, &placed));
+      if (placed)
+        return LOD_OK;
     }
   }
   if (goal == LOD_NONE || s->ripped_count > 0)

@@ -1,32 +1,16 @@
 /* The source made as much of a surface as it can be before it is cut: of triangles with the same three corners one is kept, and triangles
  * are turned so that neighbours run along their edge against each other. What was a wall with two sides is remembered, and gets its other
  * side back in every level (extract.c). */
-#include <stdlib.h>
 #include <string.h>
 
 #include "core/retile/internal.h"
 
-struct triple {
-  uint32_t corners[3], triangle; /* ascending corners */
-};
-
-static int compare_triples(const void *a, const void *b) {
-  const struct triple *x = a, *y = b;
+/* Have the two triangles the same corners? They have two in common. */
+static bool same_corners(const uint32_t *a, const uint32_t *b) {
   for (int k = 0; k < 3; k++)
-    if (x->corners[k] != y->corners[k])
-      return x->corners[k] < y->corners[k] ? -1 : 1;
-  return x->triangle < y->triangle ? -1 : x->triangle > y->triangle;
-}
-
-static void sort_corners(const uint32_t *t, struct triple *out, uint32_t triangle) {
-  uint32_t a = t[0], b = t[1], c = t[2], swap;
-  if (a > b)
-    swap = a, a = b, b = swap;
-  if (b > c)
-    swap = b, b = c, c = swap;
-  if (a > b)
-    swap = a, a = b, b = swap;
-  *out = (struct triple){{a, b, c}, triangle};
+    if (a[k] != b[0] && a[k] != b[1] && a[k] != b[2])
+      return false;
+  return true;
 }
 
 static bool same_turn(const uint32_t *a, const uint32_t *b) {
@@ -35,31 +19,24 @@ static bool same_turn(const uint32_t *a, const uint32_t *b) {
 }
 
 /* back: for each triangle its other side, or LOD_NONE; dropped: it is one of several. */
-static enum lod_status find_doubles(const struct lod_mesh *mesh, struct lod_arena *scratch, uint32_t *back, bool *dropped,
-                                    uint32_t *dropped_count) {
-  struct triple *triples;
-  uint32_t count = mesh->triangle_count;
-  RETILE_TRY_NEW(triples, scratch, count);
-  for (uint32_t t = 0; t < count; t++) {
-    sort_corners(mesh->triangles[t], &triples[t], t);
-    back[t] = LOD_NONE;
-    dropped[t] = false;
-  }
-  qsort(triples, count, sizeof *triples, compare_triples);
+static void find_doubles(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, uint32_t *back, bool *dropped,
+                         uint32_t *dropped_count) {
   *dropped_count = 0;
-  for (uint32_t i = 0, first = 0; i < count; i++) {
-    const struct triple *x = &triples[i], *y = &triples[first];
-    if (i == first || memcmp(x->corners, y->corners, sizeof x->corners) != 0 || x->corners[0] == x->corners[1] ||
-        x->corners[1] == x->corners[2]) {
-      first = i;
-      continue;
+  memset(back, 0xff, mesh->triangle_count * sizeof *back);
+  memset(dropped, 0, mesh->triangle_count * sizeof *dropped);
+  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+    uint32_t e = adjacency->edge_of[3 * (size_t)t];
+    for (uint32_t i = e == LOD_NONE || dropped[t] ? 0 : adjacency->edge_begin[e];
+         e != LOD_NONE && !dropped[t] && i < adjacency->edge_begin[e + 1]; i++) {
+      uint32_t other = adjacency->edge_half_edges[i] / 3;
+      if (other <= t || !same_corners(mesh->triangles[t], mesh->triangles[other]))
+        continue;
+      dropped[other] = true;
+      ++*dropped_count;
+      if (back[t] == LOD_NONE && !same_turn(mesh->triangles[t], mesh->triangles[other]))
+        back[t] = other;
     }
-    dropped[x->triangle] = true;
-    ++*dropped_count;
-    if (back[y->triangle] == LOD_NONE && !same_turn(mesh->triangles[y->triangle], mesh->triangles[x->triangle]))
-      back[y->triangle] = x->triangle;
   }
-  return LOD_OK;
 }
 
 static double twice_area(const struct lod_mesh *mesh, uint32_t t) {
@@ -133,37 +110,45 @@ static enum lod_status select_triangles(const struct lod_mesh *from, const uint3
   return LOD_OK;
 }
 
-enum lod_status clean_source(const struct lod_mesh *mesh, struct lod_arena *arena, struct cleaned *cleaned) {
-  *cleaned = (struct cleaned){.source = mesh, .mesh = *mesh};
-  struct lod_adjacency adjacency;
-  struct lod_arena *scratch = lod_arena_create_child(arena);
-  uint32_t *back = scratch == NULL ? NULL : LOD_NEW(scratch, mesh->triangle_count, uint32_t), dropped_count = 0, count = 0;
-  bool *dropped = scratch == NULL ? NULL : LOD_NEW(scratch, mesh->triangle_count, bool), *turned = NULL;
-  enum lod_status status = back == NULL || dropped == NULL ? LOD_MEMORY : find_doubles(mesh, scratch, back, dropped, &dropped_count);
-  uint32_t *chosen = status == LOD_OK ? LOD_NEW(arena, mesh->triangle_count, uint32_t) : NULL;
-  status = status == LOD_OK && chosen == NULL ? LOD_MEMORY : status;
-  for (uint32_t t = 0; status == LOD_OK && t < mesh->triangle_count; t++)
+static enum lod_status clean(struct cleaned *cleaned, struct lod_adjacency *adjacency, struct lod_arena *arena, struct lod_arena *scratch) {
+  const struct lod_mesh *mesh = cleaned->source;
+  uint32_t *back, *chosen, dropped_count, count = 0;
+  bool *dropped, *turned = NULL;
+  LOD_TRY(lod_adjacency_create(mesh, arena, adjacency));
+  RETILE_TRY_NEW(back, scratch, mesh->triangle_count);
+  RETILE_TRY_NEW(dropped, scratch, mesh->triangle_count);
+  find_doubles(mesh, adjacency, back, dropped, &dropped_count);
+  if (dropped_count == 0 && adjacency->misoriented_edges == 0) {
+    cleaned->adjacency = adjacency;
+    return LOD_OK;
+  }
+  RETILE_TRY_NEW(chosen, arena, mesh->triangle_count);
+  for (uint32_t t = 0; t < mesh->triangle_count; t++)
     if (!dropped[t])
       chosen[count++] = t;
   struct lod_mesh once = *mesh;
-  if (status == LOD_OK && dropped_count != 0)
-    status = select_triangles(mesh, chosen, count, NULL, scratch, &once);
-  if (status == LOD_OK)
-    status = lod_adjacency_create(&once, scratch, &adjacency);
-  bool turns = status == LOD_OK && adjacency.misoriented_edges != 0;
-  if (turns) {
-    turned = LOD_NEW(arena, count, bool);
-    status = turned == NULL ? LOD_MEMORY : find_turns(&once, &adjacency, scratch, turned);
+  if (dropped_count != 0) {
+    LOD_TRY(select_triangles(mesh, chosen, count, NULL, scratch, &once));
+    LOD_TRY(lod_adjacency_create(&once, scratch, adjacency));
   }
-  if (status == LOD_OK && (turns || dropped_count != 0)) {
-    status = select_triangles(mesh, chosen, count, turned, arena, &cleaned->mesh);
-    cleaned->back = status == LOD_OK ? LOD_NEW(arena, count, uint32_t) : NULL;
-    status = status == LOD_OK && cleaned->back == NULL ? LOD_MEMORY : status;
-    for (uint32_t i = 0; status == LOD_OK && i < count; i++)
-      cleaned->back[i] = back[chosen[i]];
-    cleaned->from = chosen;
-    cleaned->turned = turned;
+  if (adjacency->misoriented_edges != 0) {
+    RETILE_TRY_NEW(turned, arena, count);
+    LOD_TRY(find_turns(&once, adjacency, scratch, turned));
   }
+  LOD_TRY(select_triangles(mesh, chosen, count, turned, arena, &cleaned->mesh));
+  RETILE_TRY_NEW(cleaned->back, arena, count);
+  for (uint32_t i = 0; i < count; i++)
+    cleaned->back[i] = back[chosen[i]];
+  cleaned->from = chosen;
+  cleaned->turned = turned;
+  return LOD_OK;
+}
+
+enum lod_status clean_source(const struct lod_mesh *mesh, struct lod_arena *arena, struct cleaned *cleaned) {
+  *cleaned = (struct cleaned){.source = mesh, .mesh = *mesh};
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  struct lod_adjacency *adjacency = LOD_NEW(arena, 1, struct lod_adjacency);
+  enum lod_status status = scratch == NULL || adjacency == NULL ? LOD_MEMORY : clean(cleaned, adjacency, arena, scratch);
   lod_arena_destroy(scratch);
   return status;
 }

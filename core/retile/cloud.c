@@ -41,9 +41,27 @@ enum lod_status cloud_grid_create(const struct cloud_point *points, uint32_t cou
   }
   for (uint32_t b = 0, sum = 0; b <= size; b++)
     grid->begin[b] = sum += b < size ? grid->begin[b] : 0;
-  for (uint32_t i = count; i-- > 0;)
-    grid->members[--grid->begin[bucket[i]]] = i;
+  for (uint32_t i = count; i-- > 0;) {
+    struct cloud_member *m = &grid->members[--grid->begin[bucket[i]]];
+    const double q[3] = {points[i].position.x, points[i].position.y, points[i].position.z};
+    m->point = i;
+    for (int k = 0; k < 3; k++) {
+      m->at[k] = (float)(q[k] - grid->origin[k]);
+      grid->extent = fmax(grid->extent, fabs(q[k] - grid->origin[k]));
+    }
+  }
   return LOD_OK;
+}
+
+float cloud_far_from(const struct cloud_grid *grid, struct lod_vec3 p, double reach, float from[3]) {
+  const double q[3] = {p.x, p.y, p.z};
+  double extent = grid->extent;
+  for (int k = 0; k < 3; k++) {
+    from[k] = (float)(q[k] - grid->origin[k]);
+    extent = fmax(extent, fabs(q[k] - grid->origin[k]));
+  }
+  reach += 4e-7 * extent; /* two roundings to float of each coordinate, and those of the sum of squares */
+  return (float)(reach * reach * (1 + 1e-5));
 }
 
 int cloud_grid_buckets(const struct cloud_grid *grid, struct lod_vec3 p, uint32_t buckets[27]) {

@@ -37,6 +37,8 @@ static void corner(const struct tiling *t, uint32_t p, uint32_t a, uint32_t b, d
   *sine = lod_vec3_length(lod_vec3_cross(u, w));
 }
 
+static const double kFolded = 0.3; /* cosine with the surface's normal below which a triangle is folded over, or nearly so */
+
 static bool wants_flip(const struct tiling *t, const uint32_t v[4]) {
   double cc, sc, cd, sd;
   corner(t, v[2], v[0], v[1], &cc, &sc);
@@ -47,12 +49,16 @@ static bool wants_flip(const struct tiling *t, const uint32_t v[4]) {
   double before = 1, after = 1;
   for (int i = 0; i < 2; i++) {
     n[i] = unit_normal(t, old[i][0], old[i][1], old[i][2]);
-    n[2 + i] = unit_normal(t, fresh[i][0], fresh[i][1], fresh[i][2]);
     before = fmin(before, least_facing(t, n[i], old[i]));
+  }
+  if (delaunay && before >= kFolded)
+    return false;
+  for (int i = 0; i < 2; i++) {
+    n[2 + i] = unit_normal(t, fresh[i][0], fresh[i][1], fresh[i][2]);
     after = fmin(after, least_facing(t, n[2 + i], fresh[i]));
   }
   double bend_before = lod_vec3_dot(n[0], n[1]), bend_after = lod_vec3_dot(n[2], n[3]);
-  if (before < 0.3 && after > before + 0.2 && bend_after > bend_before)
+  if (before < kFolded && after > before + 0.2 && bend_after > bend_before)
     return true; /* a fold opens */
   if (delaunay)
     return false;
@@ -88,18 +94,37 @@ static bool decide(struct tiling *t, uint32_t h, const uint32_t v[4]) {
          match_allows_flip(t, h, kWorth * before);
 }
 
+/* Turns the edges of face f over that are better so. */
+static uint32_t flip_around(struct tiling *t, uint32_t f) {
+  uint32_t flips = 0;
+  for (uint32_t h = 3 * f; h < 3 * f + 3 && t->faces[f][0] != LOD_NONE; h++) {
+    uint32_t g = t->twin[h];
+    if (g == LOD_NONE || t->marks[h] != 0 || (g < h && t->fresh[g / 3] != 0)) /* that one's turn sees to it */
+      continue;
+    const uint32_t v[4] = {t->faces[h / 3][h % 3], t->faces[g / 3][g % 3], t->faces[h / 3][(h + 2) % 3], t->faces[g / 3][(g + 2) % 3]};
+    flips += decide(t, h, v) && chart_flip(t, h);
+  }
+  return flips;
+}
+
+/* fresh: FLIP_CHANGED since it was looked at; FLIP_NOW in this pass; 0: nothing has happened to it. */
 void improve_flips(struct tiling *tiling, uint32_t passes) {
+  enum { FLIP_CHANGED = 1, FLIP_NOW = 2 };
   for (uint32_t pass = 0; pass < passes; pass++) {
-    uint32_t flips = 0;
-    for (uint32_t h = 0; h < 3 * tiling->face_count; h++) {
-      uint32_t g = tiling->twin[h];
-      if (tiling->faces[h / 3][0] == LOD_NONE || g == LOD_NONE || g < h || tiling->marks[h] != 0)
+    uint32_t flips = 0, looked_at = 0;
+    for (uint32_t f = 0; f < tiling->face_count; f++) {
+      bool misses = tiling->enough < INFINITY && (double)tiling->missed[f] > tiling->enough;
+      if (tiling->fresh[f] == 0 && !misses)
         continue;
-      const uint32_t v[4] = {tiling->faces[h / 3][h % 3], tiling->faces[g / 3][g % 3], tiling->faces[h / 3][(h + 2) % 3],
-                             tiling->faces[g / 3][(g + 2) % 3]};
-      if (decide(tiling, h, v) && chart_flip(tiling, h))
-        flips++;
+      tiling->fresh[f] = FLIP_NOW;
+      looked_at++;
     }
+    for (uint32_t f = 0; looked_at != 0 && f < tiling->face_count; f++)
+      if (tiling->fresh[f] == FLIP_NOW) {
+        flips += flip_around(tiling, f);
+        if (tiling->fresh[f] == FLIP_NOW)
+          tiling->fresh[f] = 0;
+      }
     if (flips == 0)
       break;
   }

@@ -21,10 +21,11 @@
 
 struct cleaned {
   const struct lod_mesh *source;
-  struct lod_mesh mesh; /* what is re-tiled; attributes are the source's */
-  const uint32_t *from; /* by triangle of mesh: of the source; NULL = the same */
-  const bool *turned;   /* by triangle of mesh: corners 1 and 2 changed places; NULL = none */
-  uint32_t *back;       /* by triangle of mesh: source triangle with the same corners that looks the other way, or LOD_NONE; NULL = none */
+  struct lod_mesh mesh;                  /* what is re-tiled; attributes are the source's */
+  const uint32_t *from;                  /* by triangle of mesh: of the source; NULL = the same */
+  const bool *turned;                    /* by triangle of mesh: corners 1 and 2 changed places; NULL = none */
+  const struct lod_adjacency *adjacency; /* of mesh; NULL: the mesh is not the source itself, and its is to be made */
+  uint32_t *back; /* by triangle of mesh: source triangle with the same corners that looks the other way, or LOD_NONE; NULL = none */
 };
 LOD_WARN_UNUSED enum lod_status clean_source(const struct lod_mesh *mesh, struct lod_arena *arena, struct cleaned *cleaned);
 /* As a point of the source. */
@@ -108,11 +109,22 @@ struct cloud_point {
 
 /* Points by position for neighbours within a radius. */
 struct cloud_grid {
+  double extent; /* largest coordinate of a member, from the origin */
   double cell, origin[3];
   uint32_t mask;
-  uint32_t *begin;   /* mask + 2 */
-  uint32_t *members; /* count, by bucket */
+  uint32_t *begin;      /* mask + 2 */
+  struct cloud_member { /* of points, by bucket: near enough to leave the others alone without looking them up */
+    float at[3];        /* from `origin` */
+    uint32_t point;
+  } * members;
 };
+/* Surely farther than `reach` (a little more than that, for members are rounded)? from: from the grid's origin. */
+static inline bool cloud_is_far(const struct cloud_member *m, const float from[3], float reach_squared) {
+  float x = m->at[0] - from[0], y = m->at[1] - from[1], z = m->at[2] - from[2];
+  return x * x + y * y + z * z > reach_squared;
+}
+/* What cloud_is_far takes: p from the origin, and reach * reach with room for rounding. */
+float cloud_far_from(const struct cloud_grid *grid, struct lod_vec3 p, double reach, float from[3]);
 LOD_WARN_UNUSED enum lod_status cloud_grid_create(const struct cloud_point *points, uint32_t count, double cell, struct lod_arena *arena,
                                                   struct cloud_grid *grid);
 /* Buckets of the up to 27 cells around p, each once; returns how many. */
@@ -170,6 +182,7 @@ struct tiling {
   bool upright;                 /* vertices are rather kept than triangles made that look away from the surface */
   const struct lod_bvh *source; /* over sheet.mesh, when the error leads; or NULL */
   float *missed;                /* face_count: match_face as it is known; see match.c */
+  uint8_t *fresh;               /* face_count: not 0: flips have not looked at it since it changed */
   double enough;                /* flips may not raise the error above this, and are wanted where it is; INFINITY = it does not matter */
   uint32_t *free_faces;         /* dead slots that new faces take before others; set by insert.c for a while */
   uint32_t free_count;
@@ -243,6 +256,7 @@ LOD_WARN_UNUSED enum lod_status match_typical(struct tiling *tiling, double shar
 double match_known(struct tiling *tiling, uint32_t f, double enough);
 static inline void match_forget(struct tiling *tiling, uint32_t f) {
   tiling->missed[f] = 0;
+  tiling->fresh[f] = 1;
 }
 /* Would the two triangles that a flip makes miss by at most `most`? */
 bool match_allows_flip(const struct tiling *tiling, uint32_t h, double most);
@@ -345,6 +359,15 @@ static inline uint32_t retile_next(uint32_t h) {
 }
 static inline uint32_t retile_previous(uint32_t h) {
   return lod_half_edge_previous(h);
+}
+
+/* atan2 for y >= 0, to 1e-5 (Abramowitz, Stegun. Handbook of Mathematical Functions. 1964, 4.4.49): for weights and layouts, where an angle
+ * is a matter of taste. 0 for a point in the origin. */
+static inline double retile_angle(double y, double x) {
+  double ax = x < 0 ? -x : x, large = ax > y ? ax : y, small = ax > y ? y : ax, r = large > 0 ? small / large : 0, s = r * r;
+  double a = r * (0.9998660 + s * (-0.3302995 + s * (0.1801410 + s * (-0.0851330 + s * 0.0208351))));
+  a = y > ax ? 1.5707963267948966 - a : a;
+  return x < 0 ? 3.141592653589793 - a : a;
 }
 
 /* SplitMix64 (Steele, Lea, Flood 2014). */

@@ -5,6 +5,7 @@
  * edge of three triangles) is a rule for diagonals inside the triangulation. A vertex of a feature line leaves two half holes and one edge
  * of the line between them. Topology changes nowhere: each hole is a disc, and so is what fills it. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "core/retile/internal.h"
@@ -32,19 +33,17 @@ struct polygon {
 
 struct entry {
   double key;
-  uint32_t v, stamp;
+  uint32_t v;
 };
 
 struct remover {
   struct tiling *tiling;
   bool (*which)(const struct tiling *tiling, uint32_t v, uint32_t level);
   uint32_t level;
-  double least_facing; /* cosine that a new triangle's normal must have with the surface's; -1: never mind */
-  struct entry *heap;
-  uint32_t heap_count, heap_capacity;
-  uint32_t *stamp;
-  int8_t *place; /* ring place by vertex, -1 */
-  struct lod_arena *arena;
+  double least_facing;   /* cosine that a new triangle's normal must have with the surface's; -1: never mind */
+  struct entry *pending; /* vertices to remove */
+  uint32_t *changed;     /* by vertex: the round in which its star changed last */
+  int8_t *place;         /* ring place by vertex, -1 */
   struct star star;
   struct polygon polygons[2];
   uint32_t polygon_count;
@@ -85,7 +84,7 @@ static bool gather(const struct tiling *t, uint32_t v, struct star *s) {
 
 static double angle_at(struct lod_vec3 p, struct lod_vec3 a, struct lod_vec3 b) {
   struct lod_vec3 u = lod_vec3_subtract(a, p), w = lod_vec3_subtract(b, p);
-  return atan2(lod_vec3_length(lod_vec3_cross(u, w)), lod_vec3_dot(u, w));
+  return retile_angle(lod_vec3_length(lod_vec3_cross(u, w)), lod_vec3_dot(u, w));
 }
 
 /* Lays out ring places from..to over the angle `span` from `begin` on. */
@@ -143,37 +142,59 @@ static uint32_t first_copy(const struct tiling *t, uint32_t v) {
   return least;
 }
 
+/* Marks the ring's vertices, all copies, with their place (LOD_NONE: -1 again); false when the ring names a vertex twice. */
+static bool mark_ring(struct remover *r, bool mark) {
+  const struct star *s = &r->star;
+  const uint32_t *copies = r->tiling->copies;
+  bool good = true;
+  for (uint32_t i = 0; i < s->ring_count; i++) {
+    uint32_t copy = s->ring[i];
+    good = good && (!mark || r->place[copy] < 0);
+    do
+      r->place[copy] = mark ? (int8_t)i : -1;
+    while ((copy = copies[copy]) != s->ring[i]);
+  }
+  return good;
+}
+
+static inline void note(const struct remover *r, uint32_t v, uint64_t *joined) {
+  int8_t place = r->place[v];
+  if (place >= 0)
+    *joined |= UINT64_C(1) << place;
+}
+
+/* Places of what an edge joins to v. */
+static uint64_t joined_to(const struct remover *r, uint32_t v) {
+  const struct tiling *t = r->tiling;
+  uint32_t begin = t->corner[v], h = begin, last;
+  uint64_t joined = 0;
+  do {
+    note(r, start_of(t, retile_next(h)), &joined);
+    last = retile_previous(h);
+    h = t->twin[last];
+  } while (h != LOD_NONE && h != begin);
+  if (h != LOD_NONE)
+    return joined;
+  note(r, start_of(t, last), &joined); /* open: the other end, and what lies before `begin` */
+  for (h = t->twin[begin]; h != LOD_NONE; h = t->twin[h]) {
+    h = retile_next(h);
+    note(r, start_of(t, retile_next(h)), &joined);
+  }
+  return joined;
+}
+
 /* Fills s->joined; false when the ring names a vertex twice. */
 static bool join(struct remover *r) {
   struct star *s = &r->star;
-  const struct tiling *t = r->tiling;
-  bool good = true;
-  for (uint32_t i = 0; i < s->ring_count; i++) {
-    int8_t *place = &r->place[first_copy(t, s->ring[i])];
-    good = good && *place < 0;
-    *place = (int8_t)i;
-    s->joined[i] = 0;
-  }
+  bool good = mark_ring(r, true);
   for (uint32_t i = 0; good && i < s->ring_count; i++) {
     uint32_t copy = s->ring[i];
-    do {
-      bool closed;
-      uint32_t begin = tiling_first(t, copy, &closed), h = begin, last = h;
-      do {
-        int8_t place = r->place[first_copy(t, start_of(t, retile_next(h)))];
-        if (place >= 0)
-          s->joined[i] |= UINT64_C(1) << place;
-        last = retile_previous(h);
-        h = t->twin[last];
-      } while (h != LOD_NONE && h != begin);
-      int8_t place = r->place[first_copy(t, start_of(t, last))];
-      if (place >= 0)
-        s->joined[i] |= UINT64_C(1) << place;
-      copy = t->copies[copy];
-    } while (copy != s->ring[i]);
+    s->joined[i] = 0;
+    do
+      s->joined[i] |= joined_to(r, copy);
+    while ((copy = r->tiling->copies[copy]) != s->ring[i]);
   }
-  for (uint32_t i = 0; i < s->ring_count; i++)
-    r->place[first_copy(t, s->ring[i])] = -1;
+  mark_ring(r, false);
   return good;
 }
 
@@ -446,7 +467,7 @@ static bool remove_vertex(struct remover *r, uint32_t v) {
   return false;
 }
 
-/* ---- the queue ---- */
+/* ---- the order ---- */
 
 double remove_cost(const struct tiling *t, uint32_t v) {
   bool closed;
@@ -463,58 +484,48 @@ double remove_cost(const struct tiling *t, uint32_t v) {
   return fabs(lod_vec3_dot(sum, t->normals[v])) / count + 0.03 * length;
 }
 
-static bool before(const struct entry *a, const struct entry *b) {
-  return a->key < b->key || (a->key == b->key && a->v < b->v);
+static int compare_entries(const void *left, const void *right) {
+  const struct entry *a = left, *b = right;
+  if (a->key != b->key)
+    return a->key < b->key ? -1 : 1;
+  return a->v < b->v ? -1 : a->v > b->v;
 }
 
-static enum lod_status push(struct remover *r, uint32_t v) {
-  if (r->heap_count == r->heap_capacity) {
-    struct entry *larger;
-    RETILE_TRY_NEW(larger, r->arena, 2 * (size_t)r->heap_capacity);
-    memcpy(larger, r->heap, r->heap_count * sizeof *larger);
-    r->heap = larger;
-    r->heap_capacity *= 2;
-  }
-  struct entry entry = {remove_cost(r->tiling, v), v, ++r->stamp[v]};
-  uint32_t i = r->heap_count++;
-  for (; i > 0 && before(&entry, &r->heap[(i - 1) / 2]); i = (i - 1) / 2)
-    r->heap[i] = r->heap[(i - 1) / 2];
-  r->heap[i] = entry;
-  return LOD_OK;
-}
-
-static struct entry pop(struct remover *r) {
-  struct entry top = r->heap[0], last = r->heap[--r->heap_count];
-  uint32_t i = 0;
-  for (uint32_t child; (child = 2 * i + 1) < r->heap_count; i = child) {
-    if (child + 1 < r->heap_count && before(&r->heap[child + 1], &r->heap[child]))
-      child++;
-    if (!before(&r->heap[child], &last))
-      break;
-    r->heap[i] = r->heap[child];
-  }
-  r->heap[i] = last;
-  return top;
-}
-
-/* Removes what can be; *left: what cannot. */
+/* Removes what can be, in rounds of vertices that are no neighbours (Lee et al. 1998, 4.1), those that stand out least first: costs are
+ * looked at once a round. A vertex that cannot go is tried again when its neighbours have changed. *left: what stays. */
 static enum lod_status remove_all(struct remover *r, uint32_t *left) {
   struct tiling *t = r->tiling;
+  uint32_t pending = 0, removed = 1;
   *left = 0;
   for (uint32_t v = 0; v < t->vertex_count; v++)
     if (!t->dead[v] && r->which(t, v, r->level)) {
       ++*left;
+      r->changed[v] = 1;
       if (!t->fixed[v])
-        LOD_TRY(push(r, v));
+        r->pending[pending++] = (struct entry){0, v};
     }
-  while (r->heap_count != 0) {
-    struct entry entry = pop(r);
-    if (entry.stamp != r->stamp[entry.v] || t->dead[entry.v] || !remove_vertex(r, entry.v))
-      continue;
-    --*left;
-    for (uint32_t i = 0; i < r->star.ring_count; i++)
-      if (!t->fixed[r->star.ring[i]] && r->which(t, r->star.ring[i], r->level))
-        LOD_TRY(push(r, r->star.ring[i]));
+  for (uint32_t round = 2; removed != 0; round++) {
+    uint32_t kept = 0, count = 0;
+    removed = 0;
+    for (uint32_t i = 0; i < pending; i++) /* those that can be tried come first */
+      if (r->changed[r->pending[i].v] + 1 >= round) {
+        struct entry entry = {remove_cost(t, r->pending[i].v), r->pending[i].v};
+        r->pending[i] = r->pending[count];
+        r->pending[count++] = entry;
+      }
+    qsort(r->pending, count, sizeof *r->pending, compare_entries);
+    for (uint32_t i = 0; i < pending; i++) {
+      struct entry entry = r->pending[i];
+      if (i < count && r->changed[entry.v] != round && remove_vertex(r, entry.v)) {
+        for (uint32_t k = 0; k < r->star.ring_count; k++)
+          r->changed[r->star.ring[k]] = round;
+        removed++;
+        continue;
+      }
+      r->pending[kept++] = entry;
+    }
+    pending = kept;
+    *left -= removed;
   }
   return LOD_OK;
 }
@@ -538,11 +549,11 @@ enum lod_status remove_vertices(struct tiling *tiling, bool (*which)(const struc
   struct remover *r = scratch == NULL ? NULL : LOD_NEW(scratch, 1, struct remover);
   enum lod_status status = r == NULL ? LOD_MEMORY : LOD_OK;
   if (status == LOD_OK) {
-    *r = (struct remover){.tiling = tiling, .which = which, .level = level, .arena = scratch, .heap_capacity = tiling->vertex_count + 64};
-    r->heap = LOD_NEW(scratch, r->heap_capacity, struct entry);
-    r->stamp = LOD_NEW_ZERO(scratch, tiling->vertex_count, uint32_t);
+    *r = (struct remover){.tiling = tiling, .which = which, .level = level};
+    r->pending = LOD_NEW(scratch, tiling->vertex_count, struct entry);
+    r->changed = LOD_NEW(scratch, tiling->vertex_count, uint32_t);
     r->place = LOD_NEW(scratch, tiling->vertex_count, int8_t);
-    status = r->heap == NULL || r->stamp == NULL || r->place == NULL ? LOD_MEMORY : LOD_OK;
+    status = r->pending == NULL || r->changed == NULL || r->place == NULL ? LOD_MEMORY : LOD_OK;
   }
   uint32_t remaining = 0;
   if (status == LOD_OK)

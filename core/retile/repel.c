@@ -77,6 +77,7 @@ struct repulsion {
   struct cloud_grid grid;
   uint32_t fixed;
   double radius, damping, bend; /* bend: as cloud_distance_squared */
+  double widest;                /* of the points' spacings */
 };
 
 static void push_chunk(void *context, size_t begin, size_t end, size_t chunk) {
@@ -87,9 +88,12 @@ static void push_chunk(void *context, size_t begin, size_t end, size_t chunk) {
     struct lod_vec3 sum = {0, 0, 0};
     uint32_t buckets[27];
     int count = cloud_grid_buckets(&r->grid, a->position, buckets);
+    float from[3], far = cloud_far_from(&r->grid, a->position, r->radius * 0.5 * (a->spacing + r->widest), from);
     for (int b = 0; b < count; b++)
       for (uint32_t m = r->grid.begin[buckets[b]]; m < r->grid.begin[buckets[b] + 1]; m++) {
-        const struct cloud_point *other = &r->points[r->grid.members[m]];
+        if (cloud_is_far(&r->grid.members[m], from, far))
+          continue;
+        const struct cloud_point *other = &r->points[r->grid.members[m].point];
         struct lod_vec3 away = lod_vec3_subtract(a->position, other->position);
         double d2 = cloud_distance_squared(a, other, r->bend), reach = r->radius * 0.5 * (a->spacing + other->spacing);
         if (other == a || d2 >= reach * reach || !(d2 > 0) || !cloud_neighbours(a, other, lod_vec3_length_squared(away)))
@@ -114,15 +118,17 @@ enum lod_status repel_points(const struct sheet *sheet, struct cloud_point *poin
                              double damping, double bend, uint32_t steps, uint32_t threads, struct lod_arena *arena) {
   enum { GRAIN = 1024 };
   struct repulsion r = {.sheet = sheet, .points = points, .fixed = fixed, .radius = radius, .damping = damping, .bend = bend};
-  double widest = 0;
   enum lod_status status = LOD_OK;
   for (uint32_t i = 0; i < count; i++)
-    widest = fmax(widest, points[i].spacing);
+    r.widest = fmax(r.widest, points[i].spacing);
   for (uint32_t step = 0; step < steps && status == LOD_OK && count > fixed && radius > 0; step++) {
     struct lod_arena *scratch = lod_arena_create_child(arena);
     r.moves = scratch == NULL ? NULL : LOD_NEW(scratch, count - fixed, struct lod_vec3);
-    status = r.moves == NULL ? LOD_MEMORY : cloud_grid_create(points, count, radius * widest, scratch, &r.grid);
+    status = r.moves == NULL ? LOD_MEMORY : cloud_grid_create(points, count, radius * r.widest, scratch, &r.grid);
     if (status == LOD_OK) {
+      r.widest = 0; /* walking changes spacings */
+      for (uint32_t i = 0; i < count; i++)
+        r.widest = fmax(r.widest, points[i].spacing);
       lod_parallel_for(threads, count - fixed, GRAIN, push_chunk, &r);
       lod_parallel_for(threads, count - fixed, GRAIN, walk_chunk, &r);
     }

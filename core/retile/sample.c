@@ -54,6 +54,7 @@ struct elimination {
   const struct cloud_point *points;
   struct cloud_grid grid;
   double distance, least, bend; /* bend: as cloud_distance_squared */
+  double widest;                /* of the points' spacings */
   double *weight;
   uint32_t *heap, *slot, heap_count; /* slot: place in the heap, LOD_NONE when fixed or gone */
   uint32_t fixed;
@@ -89,10 +90,11 @@ static double visit_neighbours(struct elimination *e, uint32_t i, bool lower) {
   uint32_t buckets[27];
   double sum = 0;
   int count = cloud_grid_buckets(&e->grid, e->points[i].position, buckets);
+  float from[3], far = cloud_far_from(&e->grid, e->points[i].position, e->distance * 0.5 * (e->points[i].spacing + e->widest), from);
   for (int b = 0; b < count; b++)
     for (uint32_t m = e->grid.begin[buckets[b]]; m < e->grid.begin[buckets[b] + 1]; m++) {
-      uint32_t j = e->grid.members[m];
-      if (j == i || (lower && e->slot[j] == LOD_NONE))
+      uint32_t j = e->grid.members[m].point;
+      if (j == i || cloud_is_far(&e->grid.members[m], from, far) || (lower && e->slot[j] == LOD_NONE))
         continue;
       double w = pair_weight(e, lower ? j : i, lower ? i : j);
       sum += w;
@@ -115,15 +117,14 @@ enum lod_status sample_eliminate(const struct cloud_point *points, uint32_t fixe
     return LOD_MEMORY;
   struct elimination e = {.points = points, .distance = distance, .bend = bend, .fixed = fixed};
   e.least = keep == 0 ? 0 : 0.65 * (1 - pow((double)keep / (count - fixed), 1.5));
-  double widest = 0;
   for (uint32_t i = 0; i < count; i++)
-    widest = fmax(widest, points[i].spacing);
+    e.widest = fmax(e.widest, points[i].spacing);
   e.weight = LOD_NEW(scratch, count, double);
   e.heap = LOD_NEW(scratch, count, uint32_t);
   e.slot = LOD_NEW(scratch, count, uint32_t);
   enum lod_status status = e.weight == NULL || e.heap == NULL || e.slot == NULL ? LOD_MEMORY : LOD_OK;
   if (status == LOD_OK)
-    status = cloud_grid_create(points, count, distance * widest, scratch, &e.grid);
+    status = cloud_grid_create(points, count, distance * e.widest, scratch, &e.grid);
   if (status == LOD_OK) {
     for (uint32_t i = 0; i < count; i++) {
       e.weight[i] = i < fixed ? 0 : visit_neighbours(&e, i, false);

@@ -388,7 +388,7 @@ static enum lod_status measure_faces(struct sheet *sheet, struct lod_arena *aren
     sheet->normals[t] = lod_vec3_normalize(n);
     for (int k = 0; k < 3; k++) {
       struct lod_vec3 a = lod_vec3_subtract(p[(k + 1) % 3], p[k]), b = lod_vec3_subtract(p[(k + 2) % 3], p[k]);
-      double angle = atan2(lod_vec3_length(lod_vec3_cross(a, b)), lod_vec3_dot(a, b));
+      double angle = retile_angle(lod_vec3_length(lod_vec3_cross(a, b)), lod_vec3_dot(a, b));
       uint32_t v = sheet->faces[t][k];
       sheet->vertex_normals[v] = lod_vec3_add_scaled(sheet->vertex_normals[v], sheet->normals[t], angle);
     }
@@ -408,6 +408,7 @@ static int compare_doubles(const void *a, const void *b) {
 static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_adjacency *adjacency,
                                        const struct lod_retile_settings *settings, double scale, struct lod_arena *arena,
                                        struct lod_arena *scratch) {
+  static const double kSteepest = 0.6;
   RETILE_TRY_NEW(sheet->spacing, arena, sheet->vertex_count);
   for (uint32_t f = 0; f < sheet->vertex_count; f++)
     sheet->spacing[f] = 1;
@@ -432,16 +433,23 @@ static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_adj
     double s = curvature.largest[v] > 0 ? sqrt(middle / curvature.largest[v]) : settings->adapt;
     wanted[v] = fmin(settings->adapt, fmax(1 / settings->adapt, s));
   }
-  for (int pass = 0; pass < 8; pass++)
+  bool steep = true;
+  for (int pass = 0; pass < 8 && steep; pass++) {
+    steep = false;
     for (uint32_t i = 0; i < mesh->triangle_count; i++) {
       const uint32_t *t = mesh->triangles[pass % 2 == 0 ? i : mesh->triangle_count - 1 - i];
       for (int k = 0; k < 3; k++) {
         uint32_t a = t[k], b = t[(k + 1) % 3];
-        double slack = 0.6 * lod_vec3_distance(lod_vec3_from_float(mesh->positions[a]), lod_vec3_from_float(mesh->positions[b])) / scale;
-        wanted[a] = fmin(wanted[a], wanted[b] + slack);
-        wanted[b] = fmin(wanted[b], wanted[a] + slack);
+        double way = fabs(wanted[a] - wanted[b]) * (scale / kSteepest);
+        double distance = lod_vec3_distance_squared(lod_vec3_from_float(mesh->positions[a]), lod_vec3_from_float(mesh->positions[b]));
+        if (way * way <= distance)
+          continue;
+        uint32_t high = wanted[a] > wanted[b] ? a : b;
+        wanted[high] = wanted[high == a ? b : a] + kSteepest * sqrt(distance) / scale;
+        steep = true;
       }
     }
+  }
   for (uint32_t f = 0; f < sheet->vertex_count; f++)
     sheet->spacing[f] = wanted[sheet->origin[f]];
   return LOD_OK;
@@ -450,9 +458,13 @@ static enum lod_status measure_spacing(struct sheet *sheet, const struct lod_adj
 static enum lod_status create(struct sheet *sheet, const struct lod_retile_settings *settings, const uint32_t *counts, uint32_t level_count,
                               struct lod_arena *arena, struct lod_arena *scratch) {
   const struct lod_mesh *mesh = sheet->mesh;
-  struct lod_adjacency *adjacency;
-  RETILE_TRY_NEW(adjacency, arena, 1);
-  LOD_TRY(lod_adjacency_create(mesh, arena, adjacency));
+  struct lod_adjacency *own;
+  const struct lod_adjacency *adjacency = sheet->cleaned->adjacency;
+  if (adjacency == NULL) {
+    RETILE_TRY_NEW(own, arena, 1);
+    LOD_TRY(lod_adjacency_create(mesh, arena, own));
+    adjacency = own;
+  }
   sheet->face_count = mesh->triangle_count;
   sheet->vertex_count = adjacency->fan_count;
   sheet->origin = adjacency->fan_vertex;

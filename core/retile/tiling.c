@@ -349,6 +349,8 @@ static enum lod_status allocate(struct tiling *t, const struct sheet *sheet, uin
   RETILE_TRY_NEW(t->region, arena, faces);
   RETILE_TRY_NEW(t->flat_head, arena, faces);
   RETILE_TRY_NEW_ZERO(t->missed, arena, faces);
+  RETILE_TRY_NEW(t->fresh, arena, faces);
+  memset(t->fresh, 1, faces);
   return LOD_OK;
 }
 
