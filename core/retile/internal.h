@@ -314,7 +314,7 @@ struct step {
   struct lod_arena *arena, *scratch;
 };
 /* Extracts the level. With whole_maps, vertices come back until the overlay maps all of it onto the finer one; a bound is proven anew. */
-LOD_WARN_UNUSED enum lod_status step_finish(struct step *step, double *bound, struct lod_retile_level *level);
+LOD_WARN_UNUSED enum lod_status step_finish(const struct step *step, double *bound, struct lod_retile_level *level);
 
 /* ---- prune.c ---- */
 

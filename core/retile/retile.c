@@ -249,19 +249,16 @@ static bool relax_goals(struct retile_goal *goals, uint32_t level_count) {
   return changed;
 }
 
-/* Levels in an arena of their own, with numbers relaxed until their maps are whole. */
+/* With numbers relaxed until all maps are whole. Levels of a try that was not good enough stay in `arena`: it is rare. */
 static enum lod_status create_whole(const struct cleaned *cleaned, const struct lod_retile_settings *settings, struct retile_goal *goals,
                                     const struct lod_bvh *bvh, const struct lod_progress *progress, struct lod_arena *arena,
                                     struct lod_arena *scratch, struct lod_retile *retile) {
   enum { MOST_TRIES = 5 };
   for (int try = 0;; try++) {
-    struct lod_arena *own = lod_arena_create_child(arena), *work = lod_arena_create_child(scratch);
-    enum lod_status status = own == NULL || work == NULL ? LOD_MEMORY : attempt(cleaned, settings, goals, bvh, progress, own, work, retile);
+    struct lod_arena *work = lod_arena_create_child(scratch);
+    enum lod_status status = work == NULL ? LOD_MEMORY : attempt(cleaned, settings, goals, bvh, progress, arena, work, retile);
     lod_arena_destroy(work);
-    bool again = status == LOD_OK && settings->whole_maps && try + 1 < MOST_TRIES && relax_goals(goals, retile->level_count);
-    if (again || status != LOD_OK)
-      lod_arena_destroy(own);
-    if (!again)
+    if (status != LOD_OK || !settings->whole_maps || try + 1 == MOST_TRIES || !relax_goals(goals, retile->level_count))
       return status;
   }
 }

@@ -34,9 +34,13 @@
  * The source is cleaned first: of triangles with the same corners one is re-tiled, and where two looked either way, every level gets both
  * sides again; triangles are turned so that neighbours agree where a surface can be oriented.
  *
- * Not built: removal of handles (P1-38 removes pieces; a piece keeps at least the vertices of its topology). A vertex with more than 62
- * triangles, or on a narrow strip between two lines, may be retained. Points inside non-manifold cuts and along their edges are neither
- * added nor removed. An error near the size of the source's own triangles may stay unproven. */
+ * Triangles that would look away from the surface are put off while vertices are removed: where handles and thin parts leave no others, the
+ * vertices stay, and the level has more than was asked for (`retained` says how many).
+ *
+ * Not built: removal of handles (P1-38 removes pieces, with `prune`): a tiny handle keeps a few vertices in every level. A vertex with more
+ * than 62 triangles, or on a narrow strip between two lines, may be retained. Points inside non-manifold cuts and along their edges are
+ * neither added nor removed, so a soup whose edges are mostly of three triangles and more does not get coarse. An error near the size of
+ * the source's own triangles may stay unproven. */
 #ifndef LOD_CORE_RETILE_RETILE_H
 #define LOD_CORE_RETILE_RETILE_H
 

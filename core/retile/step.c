@@ -89,13 +89,9 @@ static enum lod_status put_back(const struct step *s, const bool *bad, uint32_t 
   return status;
 }
 
-/* The level as it is, in an arena of its own. */
-static enum lod_status take_level(const struct step *s, struct lod_retile_level *level, struct lod_arena **arena) {
-  *arena = lod_arena_create_child(s->arena);
-  if (*arena == NULL)
-    return LOD_MEMORY;
-  LOD_TRY(extract_level(s->tiling, s->number, *arena, level, s->vertex_to, s->face_to));
-  return s->finer == NULL ? LOD_OK : record_step(s, level, *arena);
+static enum lod_status take_level(const struct step *s, struct lod_arena *arena, struct lod_retile_level *level) {
+  LOD_TRY(extract_level(s->tiling, s->number, arena, level, s->vertex_to, s->face_to));
+  return s->finer == NULL ? LOD_OK : record_step(s, level, arena);
 }
 
 /* An error that was proven before vertices changed. */
@@ -129,23 +125,18 @@ static enum lod_status even_out(const struct step *s, uint32_t target, const boo
   return status;
 }
 
-enum lod_status step_finish(struct step *s, double *bound, struct lod_retile_level *level) {
+/* Vertices back, until all is mapped; `level` is the tiling as it is, in an arena that dies with the next round. */
+static enum lod_status mend(const struct step *s, struct lod_retile_level *level, struct lod_arena **arena, bool *changed) {
   enum { MOST_ROUNDS = 12, EVEN_ROUNDS = 4, WORSE = 6 };
-  uint32_t least_bad = UINT32_MAX, worse = 0;
-  s->goal->unmapped = 0;
-  struct lod_arena *own;
-  LOD_TRY(take_level(s, level, &own));
-  if (s->finer == NULL || !s->settings->whole_maps || s->goal->pilot)
-    return LOD_OK;
-  uint32_t target = lead_count(s->tiling);
-  bool *bad, *kept, changed = false;
+  uint32_t least_bad = UINT32_MAX, worse = 0, target = lead_count(s->tiling);
+  bool *bad, *kept;
   target = target > s->goal->vertices ? target : s->goal->vertices;
   RETILE_TRY_NEW(bad, s->scratch, s->tiling->face_count);
   RETILE_TRY_NEW_ZERO(kept, s->scratch, s->tiling->vertex_count);
   for (uint32_t round = 0; round < MOST_ROUNDS; round++) {
     uint32_t bad_count, inserted = 0;
     LOD_TRY(find_unmapped(s, level, bad, &bad_count));
-    bool uneven = s->goal->error == 0 && changed && round < EVEN_ROUNDS && lead_count(s->tiling) != target;
+    bool uneven = s->goal->error == 0 && *changed && round < EVEN_ROUNDS && lead_count(s->tiling) != target;
     s->goal->unmapped = bad_count;
     worse = bad_count < least_bad ? 0 : worse + 1;
     least_bad = bad_count < least_bad ? bad_count : least_bad;
@@ -157,9 +148,30 @@ enum lod_status step_finish(struct step *s, double *bound, struct lod_retile_lev
       break; /* nothing is left to come back */
     if (s->goal->error == 0 && round < EVEN_ROUNDS)
       LOD_TRY(even_out(s, target, kept));
-    changed = true;
-    lod_arena_destroy(own);
-    LOD_TRY(take_level(s, level, &own));
+    *changed = true;
+    lod_arena_destroy(*arena);
+    *arena = lod_arena_create_child(s->scratch);
+    if (*arena == NULL)
+      return LOD_MEMORY;
+    LOD_TRY(take_level(s, *arena, level));
   }
-  return changed && *bound < INFINITY ? prove_again(s, bound) : LOD_OK;
+  return LOD_OK;
+}
+
+enum lod_status step_finish(const struct step *s, double *bound, struct lod_retile_level *level) {
+  bool changed = false;
+  s->goal->unmapped = 0;
+  LOD_TRY(take_level(s, s->arena, level));
+  if (s->finer == NULL || !s->settings->whole_maps || s->goal->pilot)
+    return LOD_OK;
+  struct lod_arena *rounds = NULL;
+  enum lod_status status = mend(s, level, &rounds, &changed);
+  if (status == LOD_OK && changed) {
+    const struct lod_retile_point *flat = level->flat;
+    status = take_level(s, s->arena, level);
+    if (status == LOD_OK && s->goal->unmapped == 0)
+      memcpy(level->flat, flat, s->finer->mesh.vertex_count * sizeof *flat);
+  }
+  lod_arena_destroy(rounds);
+  return status == LOD_OK && changed && *bound < INFINITY ? prove_again(s, bound) : status;
 }

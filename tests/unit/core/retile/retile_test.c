@@ -11,11 +11,13 @@
  * P1-19 tests/unit/core/mesh/triangulate_test.c                            P1-20 points_on_an_edge_are_seen_from_both_sides
  * P1-21, P1-22  every_way_to_fill_keeps_topology (14 planes, else the vertex stays)     P1-23 neck_of_three_triangles_stays_open
  * P1-24 retained shares: make bench-retile; turks_own_mode_keeps_topology_too
+ *       the least possible: surface_of_many_handles_is_mapped_whole
  * P1-25 clean-up passes are flips of all edges of each star, with both checks and the mode's measure: settings.flips
  * P1-26 border_of_an_open_sheet_stays_its_border; corners by angle and by lines that meet
  * P1-27 sheets_back_to_back_stay_apart (2a), assert_same_topology's duplicate_triangles (2b), sharp_tip_stays_sharp
- * P1-28 to P1-33  nested levels: assert_nested; fragments: tests/unit/core/retile/overlay_test.c
- * P1-34 make bench-retile ARGS (figures 1, 4, 11, 12 in kind)
+ * P1-28 to P1-33  nested levels: assert_nested; fragments: assert_mapped, tests/property/overlay_test.c, tests/property/retile_test.c
+ * P1-34 figures 1, 4, 11, 12 in kind: make bench-figures, core/retile/FIGURES.md; costas_surface_has_levels_of_200_800_and_3200,
+ *       points_where_it_bends_lower_the_error_of_a_dose
  * P1-35 anisotropy_lowers_the_error_of_a_bent_sheet                        P1-36 curvature tensor: curvature_test.c
  * P1-37 error_leads_vertices_to_a_spike, errors_asked_for_are_proven       P1-38 small_pieces_go_on_request
  * P1-39 a client's matter: clients/web */
@@ -29,9 +31,12 @@
 
 #include <cmocka.h>
 
+#include "core/mesh/curvature.h"
 #include "core/mesh/distance.h"
+#include "core/mesh/overlay.h"
 #include "core/mesh/topology.h"
 #include "core/mesh/triangulate.h"
+#include "tests/data/figures.h"
 #include "tests/data/shapes.h"
 
 static struct lod_arena *arena;
@@ -108,6 +113,21 @@ static void assert_nested(const struct lod_mesh *source, const struct lod_retile
       assert_true(at->face < level->mesh.triangle_count);
       assert_int_equal((uint64_t)at->weights[0] + at->weights[1] + at->weights[2], LOD_RETILE_ONE);
     }
+  }
+}
+
+/* Every coarse triangle of every step is mapped one to one; proved anew in integers. */
+static void assert_mapped(const struct lod_retile *result) {
+  for (uint32_t k = 0; k + 1 < result->level_count; k++) {
+    const struct lod_retile_level *level = &result->levels[k];
+    struct lod_overlay overlay;
+    struct lod_overlay_facts facts;
+    assert_int_equal(lod_overlay_create(&level->mesh, &level[1].mesh, level->parents, NULL, arena, &overlay, NULL), LOD_OK);
+    assert_int_equal(overlay.failed, 0);
+    assert_int_equal(overlay.mapped, level->mesh.triangle_count);
+    assert_int_equal(lod_overlay_check(&overlay, &level->mesh, &level[1].mesh, level->parents, arena, &facts), LOD_OK);
+    if (!facts.valid)
+      fail_msg("level %u: %s", k, facts.reason);
   }
 }
 
@@ -407,6 +427,7 @@ static void wall_with_two_sides_keeps_both(void **state) {
     }
     assert_true(fabs(up) < 1e-6); /* as much looks up as down */
   }
+  assert_mapped(&result); /* both sides */
 }
 
 static void patches_turned_over_are_turned_back(void **state) {
@@ -565,6 +586,73 @@ static void wrong_settings_are_refused(void **state) {
   assert_string_equal(problem.type, "bad-ladder");
 }
 
+/* Figure 12. The surface is minimal: its two curvatures cancel out, but at its ends, where triangles are long. */
+static void costas_surface_has_levels_of_200_800_and_3200(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_figure_costa(arena, 50, 0.14);
+  struct lod_topology topology = topology_of(&mesh);
+  assert_int_equal(topology.euler, -3); /* a torus less three discs */
+  assert_int_equal(topology.boundary_loops, 3);
+  struct lod_adjacency adjacency;
+  struct lod_curvature curvature;
+  assert_int_equal(lod_adjacency_create(&mesh, arena, &adjacency), LOD_OK);
+  assert_int_equal(lod_curvature_estimate(&mesh, &adjacency, LOD_CURVATURE_TENSOR, 180, arena, &curvature), LOD_OK);
+  double mean = 0, bent = 0;
+  for (uint32_t v = 0; v < mesh.vertex_count; v++)
+    if (lod_vec3_length(lod_vec3_from_float(mesh.positions[v])) < 1.5) {
+      mean += fabs(curvature.principal[v][0] + curvature.principal[v][1]);
+      bent += fabs(curvature.principal[v][0]);
+    }
+  assert_true(mean < 0.02 * bent);
+  const uint32_t counts[] = {200, 800, 3200};
+  struct lod_retile result = retile(&mesh, counts, 3);
+  assert_nested(&mesh, &result);
+  assert_mapped(&result);
+  for (uint32_t k = 0; k < 3; k++)
+    assert_int_equal(result.levels[k].mesh.vertex_count, counts[k]);
+  assert_true(distance_of(&result.levels[2].mesh, &mesh) < 0.5 * distance_of(&result.levels[1].mesh, &mesh));
+}
+
+/* Figure 11, at 800 points. */
+static void points_where_it_bends_lower_the_error_of_a_dose(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_figure_dose(arena, 50);
+  struct lod_retile_settings settings = lod_retile_defaults();
+  const uint32_t counts[] = {800};
+  double errors[2];
+  settings.vertices = counts;
+  settings.level_count = 1;
+  settings.lead = 0;
+  for (int curved = 0; curved < 2; curved++) {
+    settings.curvature = curved ? LOD_RETILE_CURVATURE_TENSOR : LOD_RETILE_CURVATURE_NONE;
+    struct lod_retile result = retile_with(&mesh, &settings);
+    assert_int_equal(result.levels[0].mesh.vertex_count, 800);
+    errors[curved] = distance_of(&result.levels[0].mesh, &mesh);
+  }
+  assert_true(errors[1] < errors[0]);
+}
+
+static double gyroid(const double p[3], const void *context) {
+  (void)context;
+  double x = 9 * p[0], y = 9 * p[1], z = 9 * p[2], f = sin(x) * cos(y) + sin(y) * cos(z) + sin(z) * cos(x);
+  double out = fmax(fabs(p[0]), fmax(fabs(p[1]), fabs(p[2])));
+  return out > 0.9 ? 0 : 1 + (0.6 - fabs(f)); /* a closed wall along the gyroid */
+}
+
+/* More holes than the coarsest level has vertices for: it keeps as many as it takes to be mapped. */
+static void surface_of_many_handles_is_mapped_whole(void **state) {
+  (void)state;
+  struct lod_mesh mesh = lod_figure_iso(arena, 40, gyroid, NULL);
+  struct lod_topology topology = topology_of(&mesh);
+  assert_true(topology.euler < -100);
+  const uint32_t counts[] = {60, 1500, 5000};
+  struct lod_retile result = retile(&mesh, counts, 3);
+  assert_nested(&mesh, &result);
+  assert_mapped(&result);
+  assert_true(result.levels[0].mesh.vertex_count > counts[0]);
+  assert_true(result.levels[0].mesh.vertex_count < mesh.vertex_count / 4);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_setup_teardown(square_with_n_points_becomes_2n_plus_2_triangles, open_arena, close_arena),
@@ -591,6 +679,9 @@ int main(void) {
       cmocka_unit_test_setup_teardown(polygon_with_holes_has_k_plus_2n_minus_2_plus_2h, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(tiny_and_broken_meshes_come_through, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(wrong_settings_are_refused, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(costas_surface_has_levels_of_200_800_and_3200, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(points_where_it_bends_lower_the_error_of_a_dose, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(surface_of_many_handles_is_mapped_whole, open_arena, close_arena),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
