@@ -136,11 +136,45 @@ test('the page sharpens by deltas, and what it draws is the level', { timeout: 1
     assert.equal(drawn.triangles, levels[from.delta.to].triangles);
     assert.equal(drawn.loaded - bytes, from.delta.bytes, 'the delta is all that came');
     assert.deepEqual(page.faults, []);
+    await damaged(browser, daemon, levels, from);
   } finally {
     await browser.close();
     await daemon.stop();
   }
 });
+
+/** What comes wrong leaves the picture as it is; the level itself is asked for instead, and then no more deltas. */
+async function damaged(browser, daemon, levels, from) {
+  const url = `${daemon.url}v1/models/bumpy/delta?family=retile&from=${from.level}&to=${from.delta.to}`;
+  const good = Buffer.from(await (await fetch(url)).arrayBuffer());
+  const change = (at, value) => Buffer.concat([good.subarray(0, at), Buffer.from([value]), good.subarray(at + 1)]);
+  const first = Buffer.from(await (await fetch(`${daemon.url}v1/models/bumpy/delta?family=retile`)).arrayBuffer());
+  const ways = {
+    'a flipped bit': change(good.length - 9, good.at(-9) ^ 4), truncated: good.subarray(0, good.length / 2), 'a later version': change(4, 99),
+    'another base': first, 'a header of noise': change(20, good[20] ^ 255),
+  };
+  for (const [name, body] of Object.entries(ways)) {
+    const page = await openPage(browser, { viewport: { width: 200, height: 150 } });
+    page.setDefaultTimeout(60000);
+    let shown = null;
+    await page.route('**/delta?*', async (route) => {
+      await route.fulfill({ status: 200, contentType: 'application/vnd.lodestream.delta', body });
+    });
+    await page.route((u) => u.pathname.endsWith('/level') && u.search.includes(`error=${levels[from.delta.to].error}`), async (route) => {
+      shown = (await figures(page)).level; // while the level is on its way
+      await route.continue();
+    });
+    await page.goto(`${daemon.url}#model=bumpy&family=retile&level=${from.level}`);
+    await settled(page, 60000);
+    await page.evaluate((level) => (location.hash = `#model=bumpy&family=retile&level=${level}`), from.delta.to);
+    await page.waitForFunction((level) => document.getElementById('hud-level').dataset.value === String(level), from.delta.to);
+    await settled(page, 60000);
+    assert.equal(shown, from.level, `${name}: the picture stays at the last good level`);
+    assert.equal((await figures(page)).triangles, levels[from.delta.to].triangles, name);
+    assert.deepEqual(page.faults, [], name);
+    await page.context().close();
+  }
+}
 
 /** A glTF of two bumpy spheres that share a mesh, and one with another: two units. */
 function twins(n) {

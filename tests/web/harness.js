@@ -59,11 +59,16 @@ function draw(object, distance) {
 }
 
 window.harness = {
-  async load(urls, errors) {
+  /** sphere: what is scaled to radius 1 at the origin, and errors with it */
+  async load(urls, errors, sphere = { center: [0, 0, 0], radius: 1 }) {
+    scene.scale.setScalar(1 / sphere.radius);
+    scene.position.fromArray(sphere.center.map((x) => -x / sphere.radius));
+    scene.updateMatrixWorld(true);
     for (let i = 0; i < urls.length; i++) {
       const gltf = await loader.loadAsync(urls[i]);
       const object = await LevelObject.create(gltf, normals);
-      object.lod = { error: errors[i] };
+      object.lod = { error: errors[i] / sphere.radius };
+      object.reach = errors[i];
       levels.push(object);
     }
     return levels.map((l) => l.triangles);
@@ -159,7 +164,7 @@ window.harness = {
 };
 
 function errors(i) {
-  return levels[i].lod.error + levels[i + 1].lod.error;
+  return levels[i].reach + levels[i + 1].reach;
 }
 
 function now(object) {
