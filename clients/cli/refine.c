@@ -34,6 +34,7 @@ static const struct cli_option kOptions[] = {
     {"look", 0, "X,Y,Z", "The point looked at: gaze."},
     {"part", 0, "LIST", "Names or numbers of parts: focus."},
     {"point", 0, "X,Y,Z", "focus (several with semicolons), contact."},
+    {"dominance", 0, "D,D,...", "How much each part, then each point, matters, 0 to 1: focus. Default 1 each."},
     {"falloff", 0, "LENGTH", "Where interest has gone: focus; default a quarter of the model's size."},
     {"distance", 0, "FROM", "centre (default) or skeleton of a part: focus."},
     {"attribute", 0, "CHANNEL", "red, green, blue, alpha, u, v, or doi, the model's own (glTF _DOI, PLY property doi): attribute."},

@@ -36,6 +36,7 @@ const struct lod_refine_parameter_help lod_refine_parameters[] = {
     {"look", "x,y,z of the point looked at: gaze."},
     {"part", "Names or numbers of parts, separated by commas: focus."},
     {"point", "x,y,z; several separated by semicolons: focus, contact."},
+    {"dominance", "How much each part, then each point, matters: numbers in [0, 1] separated by commas: focus; default 1 each."},
     {"falloff", "Distance at which interest has gone, model units: focus; default a quarter of the model's size."},
     {"distance", "From a part's centre or its skeleton: focus; default centre."},
     {"attribute", "red, green, blue, alpha, u or v of the base, or doi, the model's own (glTF _DOI, PLY property doi): attribute."},
@@ -65,9 +66,9 @@ static uint32_t owners(const char *name) {
   static const struct {
     const char *name;
     uint32_t owners;
-  } kOwners[] = {{"form", S},    {"eye", S | X | G}, {"direction", S}, {"angle", S | C}, {"fov", X},
-                 {"height", X},  {"px", X},          {"look", G},      {"part", F},      {"point", F | T},
-                 {"falloff", F}, {"distance", F},    {"attribute", A}, {"per", A},       {"threshold", P}};
+  } kOwners[] = {{"form", S},     {"eye", S | X | G}, {"direction", S}, {"angle", S | C}, {"fov", X},     {"height", X},
+                 {"px", X},       {"look", G},        {"part", F},      {"point", F | T}, {"falloff", F}, {"dominance", F},
+                 {"distance", F}, {"attribute", A},   {"per", A},       {"threshold", P}};
   for (size_t i = 0; i < sizeof kOwners / sizeof *kOwners; i++)
     if (strcmp(kOwners[i].name, name) == 0)
       return kOwners[i].owners;
@@ -267,6 +268,26 @@ static enum lod_status take_points(struct parser *p, struct lod_refine_query *q)
   return LOD_OK;
 }
 
+static enum lod_status take_dominance(struct parser *p, struct lod_refine_query *q) {
+  const char *text = find(p, "dominance"), *at = text;
+  uint32_t count = q->part_count + q->point_count, given = 0;
+  for (uint32_t i = 0; i < count; i++)
+    q->dominance[i] = 1;
+  while (text != NULL) {
+    double value;
+    if (given == count || !number(&at, &value) || !(value >= 0 && value <= 1) || (*at != 0 && *at != ','))
+      return wrong(p, "dominance",
+                   "'dominance' must be a number from 0 to 1 for each of the %u parts and points, separated by commas, not '%.60s'.", count,
+                   text);
+    q->dominance[given++] = value;
+    if (*at++ == 0)
+      break;
+  }
+  if (text != NULL && given != count)
+    return wrong(p, "dominance", "'dominance' has %u numbers for %u parts and points.", given, count);
+  return LOD_OK;
+}
+
 static bool is_zero(const double v[3]) {
   return v[0] == 0 && v[1] == 0 && v[2] == 0;
 }
@@ -354,5 +375,6 @@ enum lod_status lod_refine_query_parse(const struct lod_refine_parameter *list, 
   LOD_TRY(take_number(p, "touch", 0, 0, 1e30, false, &q->touch));
   LOD_TRY(take_parts(p, q));
   LOD_TRY(take_points(p, q));
+  LOD_TRY(take_dominance(p, q));
   return check_meaning(p, q, values_sent);
 }

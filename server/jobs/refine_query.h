@@ -54,6 +54,7 @@ struct lod_refine_query {
   double fov, height, px, angle, threshold, falloff;
   char parts[LOD_REFINE_QUERY_OBJECTS][LOD_REFINE_QUERY_NAME + 1];
   uint32_t part_count;
+  double dominance[2 * LOD_REFINE_QUERY_OBJECTS]; /* of the parts, then of the points; 1 unless given */
   double points[LOD_REFINE_QUERY_OBJECTS][3];
   uint32_t point_count;
   bool skeleton;

@@ -195,10 +195,11 @@ static enum lod_status set_focus(struct terms *t, struct lod_doi_term *term) {
     struct lod_problem none = {0};
     if (lod_doi_object_of_part(&t->base->mesh, part, q->skeleton, t->arena, &objects[i], &none) != LOD_OK)
       return wrong(t, "part", "The base has no triangle of part", q->parts[i]);
+    objects[i].dominance = q->dominance[i];
   }
   for (uint32_t i = 0; i < q->point_count; i++) {
     struct lod_doi_object *object = &objects[q->part_count + i];
-    *object = (struct lod_doi_object){.dominance = 1, .part = LOD_NONE, .bone_count = 1};
+    *object = (struct lod_doi_object){.dominance = q->dominance[q->part_count + i], .part = LOD_NONE, .bone_count = 1};
     object->bones = lod_arena_copy(t->arena, q->points[i], sizeof q->points[i]);
     if (object->bones == NULL)
       return lod_fail_memory(t->problem);

@@ -35,6 +35,8 @@ static void check(const struct lod_refine_query *q, bool values_sent) {
     require(q->parts[i][0] != 0 && strlen(q->parts[i]) <= LOD_REFINE_QUERY_NAME);
   for (uint32_t i = 0; i < q->point_count; i++)
     require_finite(q->points[i]);
+  for (uint32_t i = 0; i < q->part_count + q->point_count; i++)
+    require(q->dominance[i] >= 0 && q->dominance[i] <= 1);
   require_finite(q->eye);
   require_finite(q->direction);
   require_finite(q->look);

@@ -83,6 +83,25 @@ test('every interest answers, and refines less than all', async () => {
   }
 });
 
+test('each object of a focus has its dominance', async () => {
+  const count = async (query) => {
+    const { status, headers, body } = await refined(`doi=focus&steps=3&falloff=1&${query}`);
+    assert.equal(status, 200, String(body));
+    return Number(headers['lod-triangles']);
+  };
+  const both = await count('point=2,0,0;-2,0,0');
+  const one = await count('point=2,0,0');
+  assert.equal(await count('point=2,0,0;-2,0,0&dominance=1,1'), both);
+  assert.equal(await count('point=2,0,0;-2,0,0&dominance=1,0'), one);
+  const some = await count('point=2,0,0;-2,0,0&dominance=1,0.5');
+  assert.ok(some > one && some < both, `${one} ${some} ${both}`);
+  for (const bad of ['1', '1,1,1', '1,2', '1,x', '']) {
+    const { status, body } = await refined(`doi=focus&point=2,0,0;-2,0,0&dominance=${bad}`);
+    assert.equal(status, 400, bad);
+    assert.equal(JSON.parse(body).parameter, 'dominance');
+  }
+});
+
 test('equal requests have one ETag, are answered from memory, and 304 when the client has them', async () => {
   const first = await refined('doi=silhouette&eye=0,0,7&angle=25');
   const again = await daemon.curl(`/v1/models/ring/refine?angle=25&doi=silhouette&eye=0,0,7&base=cluster:${base().level}`);

@@ -90,6 +90,21 @@ test('contact touches the surface', TEST, async () => {
   refinement.close();
 });
 
+test('values of the client refine where they are', TEST, async () => {
+  const refinement = await Refinement.create(WASM, OCTAHEDRON);
+  assert.throws(() => refinement.interest({ kind: 'attribute' }), /no values/);
+  refinement.values(new Float32Array([1, 0, 0, 0, 0, 0])); // at [1, 0, 0]
+  refinement.interest({ kind: 'attribute' });
+  refinement.run({ steps: 4 });
+  const { positions, index, levels } = refinement.mesh();
+  const x = (t) => [0, 1, 2].reduce((sum, k) => sum + positions[3 * index[3 * t + k]], 0) / 3;
+  const finest = Math.max(...levels);
+  assert.equal(finest, 4);
+  for (let t = 0; t < levels.length; t++) if (levels[t] === finest) assert.ok(x(t) > 0, `${x(t)}`);
+  assert.ok(levels.length < 8 * 4 ** 4 / 2);
+  refinement.close();
+});
+
 let browser;
 let daemon;
 before(async () => {
@@ -123,7 +138,7 @@ test('each interest refines, within the budget, and the mouse moves the gaze', T
     await page.mouse.move(420, 200);
     await page.waitForFunction((was) => document.getElementById('canvas').toDataURL() !== was, before_);
     assert.match(await page.getAttribute('#back', 'href'), /model=bumpy/);
-    for (const kind of ['focus', 'part', 'contact', 'face', 'silhouette', 'cone', 'static', 'curvature', 'screen']) {
+    for (const kind of ['focus', 'part', 'contact', 'face', 'silhouette', 'cone', 'static', 'curvature', 'screen', 'patches', 'attribute']) {
       await page.selectOption('#kind', kind);
       await page.waitForTimeout(300);
       if (kind !== 'contact') await settle(page);

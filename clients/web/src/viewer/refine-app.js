@@ -26,6 +26,8 @@ const HINTS = {
   static: 'Edges that bend outwards by more than 30 degrees: for any view.',
   curvature: 'Edges along which the normal turns by more than 10 degrees.',
   screen: 'Edges that stand off the limit surface by more than a pixel.',
+  patches: 'Where Clough-Tocher patches do not join smoothly, or cross their triangle: what a finger would feel.',
+  attribute: 'The interest that the model carries (glTF _DOI, PLY property doi), or the red of its vertex colours.',
   uniform: 'Everything.',
 };
 const $ = (id) => document.getElementById(id);
@@ -36,6 +38,8 @@ function arrays(root) {
   const positions = [];
   const index = [];
   const parts = [];
+  const values = [];
+  let own = false; // an interest of the model's own, in alpha
   let part = 0;
   const p = new Vector3();
   root.updateMatrixWorld(true);
@@ -44,13 +48,18 @@ function arrays(root) {
     const at = positions.length / 3;
     const attribute = object.geometry.getAttribute('position');
     for (let i = 0; i < attribute.count; i++) positions.push(...p.fromBufferAttribute(attribute, i).applyMatrix4(object.matrixWorld));
+    const color = object.geometry.getAttribute('color');
+    for (let i = 0; i < attribute.count; i++) {
+      own ||= color?.itemSize === 4 && color.getW(i) < 1;
+      values.push(color ? [color.getX(i), color.itemSize === 4 ? color.getW(i) : 1] : [0, 0]);
+    }
     const faces = object.geometry.index;
     const count = faces ? faces.count : attribute.count;
     for (let i = 0; i < count; i++) index.push(at + (faces ? faces.getX(i) : i));
     for (let i = 0; i < count / 3; i++) parts.push(part);
     part++;
   });
-  return { positions: new Float32Array(positions), index: new Uint32Array(index), parts: new Uint32Array(parts) };
+  return { positions: new Float32Array(positions), index: new Uint32Array(index), parts: new Uint32Array(parts), values: Float32Array.from(values, ([red, alpha]) => (own ? alpha : red)) };
 }
 
 /** A level small enough to be coarse: the one asked for, or the finest of at most 2000 triangles. */
@@ -122,6 +131,7 @@ class Page {
     draco.dispose();
     const mesh = arrays(gltf.scene);
     this.refinement = await Refinement.create(fetch('refine.wasm'), mesh);
+    this.refinement.values(mesh.values);
     this.baseTriangles = mesh.index.length / 3;
     this.parts = mesh.parts;
     this.base = new Mesh(new BufferGeometry(), new MeshStandardMaterial({ side: DoubleSide })); // to be pointed at, not drawn

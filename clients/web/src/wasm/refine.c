@@ -17,7 +17,9 @@ bool lod_progress_cancelled(const struct lod_progress *progress) {
 
 struct refinement {
   struct lod_arena *arena, *output_arena;
-  struct lod_mesh mesh; /* welded */
+  struct lod_mesh mesh;        /* welded */
+  uint32_t *vertex_map, given; /* vertices as they were given -> of mesh */
+  float *values;               /* of `attribute`, by vertex of mesh; NULL: none yet */
   struct lod_refiner *refiner;
   struct lod_doi_term term;
   struct lod_doi_object object;
@@ -59,7 +61,7 @@ struct refinement *EXPORT(lodr_create)(const float *positions, uint32_t vertices
                            .parts = (uint32_t *)(uintptr_t)parts};
   struct lod_refine_settings settings = lod_refine_defaults();
   settings.crease_degrees = crease;
-  if (r == NULL || !lod_mesh_check(&given, NULL) || lod_mesh_weld(&given, arena, &r->mesh, NULL) != LOD_OK)
+  if (r == NULL || !lod_mesh_check(&given, NULL) || lod_mesh_weld(&given, arena, &r->mesh, &r->vertex_map) != LOD_OK)
     return fail(arena);
   if (parts != NULL) {
     r->mesh.parts = lod_arena_copy(arena, parts, triangles * sizeof *parts);
@@ -69,9 +71,25 @@ struct refinement *EXPORT(lodr_create)(const float *positions, uint32_t vertices
   if (lod_refiner_create(&r->mesh, &settings, arena, &r->refiner, NULL) != LOD_OK)
     return fail(arena);
   r->arena = arena;
+  r->given = vertices;
   r->term = lod_doi_term_defaults(LOD_DOI_UNIFORM);
   r->limits = lod_refine_limits_defaults();
   return r;
+}
+
+/* The interest of kind ATTRIBUTE: a number in [0, 1] for each vertex as it was given; where several are one, the largest counts. */
+bool EXPORT(lodr_values)(struct refinement *r, const float *values) {
+  if (r->values == NULL)
+    r->values = LOD_NEW(r->arena, r->mesh.vertex_count, float);
+  if (r->values == NULL)
+    return false;
+  memset(r->values, 0, r->mesh.vertex_count * sizeof *r->values);
+  for (uint32_t v = 0; v < r->given; v++) {
+    uint32_t to = r->vertex_map[v];
+    if (to != LOD_NONE && values[v] > r->values[to])
+      r->values[to] = values[v];
+  }
+  return true;
 }
 
 /* v: eye, direction, look (a direction), point: 3 each; then degrees (0 = the kind's default), pixels, fov, height, falloff. parallel:
@@ -101,6 +119,9 @@ bool EXPORT(lodr_interest)(struct refinement *r, uint32_t kind, bool parallel, u
       return false;
     r->object.bones = r->bone;
   }
+  term->values = r->values;
+  if (kind == LOD_DOI_ATTRIBUTE && r->values == NULL)
+    return false;
   term->objects = &r->object;
   term->object_count = 1;
   return true;

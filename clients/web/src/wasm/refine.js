@@ -4,7 +4,7 @@
  */
 
 /** As in core/refine/doi.h. */
-export const INTERESTS = { uniform: 0, face: 1, silhouette: 3, cone: 4, static: 5, curvature: 6, screen: 7, focus: 8, gaze: 9, contact: 10 };
+export const INTERESTS = { uniform: 0, face: 1, silhouette: 3, cone: 4, static: 5, curvature: 6, screen: 7, focus: 8, gaze: 9, contact: 10, attribute: 11, patches: 12 };
 
 /** The module has no files: what libc would print goes nowhere. */
 const NO_FILES = { fd_close: () => 8, fd_seek: () => 8, fd_write: () => 8 };
@@ -46,8 +46,16 @@ export class Refinement {
   interest({ kind, eye, direction, look = [0, 0, -1], point = [0, 0, 0], degrees = 0, pixels = 1, fov = 45, height = 600, falloff = 0, part = NO_PART }) {
     const v = [...(eye ?? [0, 0, 0]), ...(direction ?? [0, 0, 1]), ...look, ...point, degrees, pixels, fov, height, falloff];
     new Float64Array(this.c.memory.buffer, this.numbers, 17).set(v);
-    if (!this.c.lodr_interest(this.handle, INTERESTS[kind], !eye, part, this.numbers)) throw new Error(`There is no part ${part}.`);
+    if (!this.c.lodr_interest(this.handle, INTERESTS[kind], !eye, part, this.numbers)) throw new Error(kind === 'attribute' ? 'There are no values yet.' : `There is no part ${part}.`);
     this.kind = kind;
+  }
+
+  /** What `attribute` goes by: a number in [0, 1] for each vertex as it was given. */
+  values(values) {
+    const block = this.put(Float32Array, values);
+    const kept = this.c.lodr_values(this.handle, block);
+    this.c.lodr_free(block);
+    if (!kept) throw new Error('The mesh needs more memory than this page may use.');
   }
 
   /** One frame: at most maxOperations splits and merges. @returns {number} how many; 0: settled */

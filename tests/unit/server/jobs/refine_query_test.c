@@ -103,6 +103,13 @@ static void test_each_bad_query_names_its_culprit(void **state) {
       {"doi=attribute&attribute=smell", "attribute", false},
       {"doi=attribute&attribute=red", "attribute", true},
       {"doi=uniform", "doi", true},
+      {"doi=attribute&per=face", "per", true},
+      {"doi=attribute&per=vertex&attribute=red", "per", false},
+      {"doi=focus&part=a,b&dominance=1", "dominance", false},
+      {"doi=focus&part=a&dominance=1,1", "dominance", false},
+      {"doi=focus&part=a&dominance=1.1", "dominance", false},
+      {"doi=focus&part=a&dominance=0.5,", "dominance", false},
+      {"doi=curvature&dominance=1", "dominance", false},
       {"doi=uniform&combine=sum", "combine", false},
   };
   struct lod_refine_query q;
