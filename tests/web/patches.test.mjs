@@ -125,3 +125,17 @@ test('the page tessellates as the camera moves, shows edges, nets and error on d
     await page.context().close();
   }
 });
+
+test('the viewer leads to the page and back', TEST, async () => {
+  const page = await openPage(browser);
+  try {
+    await page.goto(`${daemon.url}#model=bumpy`);
+    await page.click('#curves');
+    await page.waitForSelector('body[data-ready=true]');
+    assert.match(page.url(), /patches\.html#model=bumpy/);
+    assert.match(await page.locator('#back').getAttribute('href'), /#model=bumpy$/);
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.context().close();
+  }
+});

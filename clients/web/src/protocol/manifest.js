@@ -6,7 +6,7 @@ import { ProtocolError } from './problem.js';
  * @param {unknown} json what GET /v1/models/{id} answered
  * @returns {{id, revision, source, sphere: {center: number[], radius: number}, bounds, diagonal: number,
  *   units: geometries that are simplified by themselves, {parts: number[], instances: number[][]|null}[]; families: Map<string, {name, nested, levels: Level[]}>, warnings: string[], seconds: number|null}}
- *   Level: {family, level, vertices, triangles, edges, points, error, cell, bytes, object, type, delta: {to, bytes, object, units: {units, first, bytes, object}|null}|null}; level 0 is the
+ *   Level: {family, level, vertices, triangles, edges, points, error, cell, patches, bytes, object, type, delta: {to, bytes, object, units: {units, first, bytes, object}|null}|null}; level 0 is the
  *   coarsest; delta: the step to a finer level, units: the same in parts
  */
 export function parseManifest(json) {
@@ -81,6 +81,7 @@ function parseLevel(family, level, index) {
     points: finite(level.points) ?? 0,
     error: number(level.error, `${path}.error`),
     cell: finite(level.cell) ?? 0,
+    patches: finite(level.patches?.patches) ?? 0,
     bytes: number(level.bytes, `${path}.bytes`),
     object: text(level.object, `${path}.object`),
     type: level.type ?? 'model/gltf-binary',

@@ -164,7 +164,7 @@ class App {
     });
     if (this.paused) this.session.pause();
     this.fillFamilies(manifest);
-    this.linkRefinement(manifest.id);
+    this.linkPages(manifest);
     this.applyFamily();
     this.showWarnings(manifest.warnings);
     if (same) this.view.setUp(this.state.up);
@@ -221,6 +221,7 @@ class App {
     if (next.model && next.model !== before.model) this.open(next.model, { keep: true });
     else if (this.session) {
       this.view.setUp(next.up);
+      this.linkPages(this.session.manifest);
       this.applyFamily();
     }
   }
@@ -369,6 +370,7 @@ class App {
       this.setState({ up: $('up').value });
       this.view.setUp(this.state.up);
       this.view.frame(false);
+      if (this.session) this.linkPages(this.session.manifest);
     };
     for (const id of ['motion', 'rate']) {
       $(id).onchange = () => {
@@ -415,12 +417,15 @@ class App {
     $('rule').options[1].disabled = !cells;
   }
 
-  /** Links to the page that refines this model in the browser, a mode each. */
-  linkRefinement(id) {
-    for (const link of $('refine').querySelectorAll('a')) {
-      const asked = new URLSearchParams({ model: id, kind: link.dataset.kind, ...(this.state.up === 'z' && { up: 'z' }) });
-      link.href = new URL(`refine.html#${asked}`, import.meta.url).href;
-    }
+  /** Links to the pages that refine this model in the browser, a mode each, and that draw its curved patches. */
+  linkPages(manifest) {
+    const address = (page, more) => {
+      const asked = new URLSearchParams({ model: manifest.id, ...more, ...(this.state.up === 'z' && { up: 'z' }) });
+      return new URL(`${page}#${asked}`, import.meta.url).href;
+    };
+    for (const link of $('refine').querySelectorAll('a[data-kind]')) link.href = address('refine.html', { kind: link.dataset.kind });
+    $('curves').href = address('patches.html');
+    $('curves').hidden = !manifest.families.get('clod')?.levels.some((level) => level.patches > 0);
     $('refine').hidden = false;
   }
 

@@ -33,8 +33,11 @@ export class Chart {
     this.limitLine = this.line('limit', BOX.left, 0, BOX.right, 0);
     this.limitText = this.text('', BOX.right, 0, 'end', 'limit-text');
     for (const family of new Set(levels.map((l) => l.family))) {
-      const own = levels.filter((l) => l.family === family).sort((a, b) => a.bytes - b.bytes);
-      this.add(this.svg, 'polyline', { class: 'path', points: own.map((l) => place(l).join(',')).join(' ') });
+      const own = levels.filter((l) => l.family === family).sort((a, b) => a.bytes - b.bytes || a.error - b.error);
+      // A level that needs more bytes than a better one of its family is a dot off the line.
+      let best = Infinity;
+      const front = own.filter((l) => l.error < best && ((best = l.error), true));
+      this.add(this.svg, 'polyline', { class: 'path', points: front.map((l) => place(l).join(',')).join(' ') });
     }
     this.trail = this.add(this.svg, 'polyline', { class: 'trail' });
     for (const level of levels) this.dot(level, place(level));

@@ -1,6 +1,6 @@
 /**
  * One page: a model's curved patches, cut into triangles each frame as the view asks, in WebAssembly. No facets at any zoom.
- *   /viewer/patches.html#model=ID&level=2&pixels=0.5&edges=1&nets=1&error=1&wires=1&strict=1&eye=x,y,z&target=x,y,z
+ *   /viewer/patches.html#model=ID&level=2&pixels=0.5&edges=1&nets=1&error=1&wires=1&strict=1&up=z&eye=x,y,z&target=x,y,z
  */
 
 import {
@@ -9,6 +9,7 @@ import {
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { decodeCurves } from '../wasm/clod.js';
+import { formatBytes, formatCount, formatPixels, formatUnits } from './format.js';
 
 const FOV = 45;
 const MOST_INSTANCES = 64;
@@ -112,8 +113,7 @@ function byError(material, uniforms) {
 
 class Page {
   constructor() {
-    this.renderer = new WebGLRenderer({ canvas: $('canvas'), antialias: true, preserveDrawingBuffer: true });
-    this.renderer.setClearColor(0xe9eaec);
+    this.renderer = new WebGLRenderer({ canvas: $('canvas'), antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.scene = new Scene();
     this.scene.add(new HemisphereLight(0xffffff, 0x8899aa, 1.6));
     this.camera = new PerspectiveCamera(FOV, 1, 0.01, 100);
@@ -137,6 +137,7 @@ class Page {
       if (asked.has(name)) $(name).checked = asked.get(name) === '1';
       $(name).addEventListener('change', () => this.settings());
     }
+    if (asked.get('up') === 'z') this.camera.up.set(0, 0, 1);
     if (asked.has('pixels')) $('pixels').value = asked.get('pixels');
     $('pixels').addEventListener('change', () => this.settings());
     $('level').addEventListener('change', () => this.load());
@@ -144,6 +145,7 @@ class Page {
 
   async open(id) {
     this.id = id;
+    $('back').href = `../#${new URLSearchParams({ model: id })}`;
     this.manifest = await (await fetch(`../v1/models/${id}`)).json();
     this.places = placesOfUnits(this.manifest);
     const { min, max } = this.manifest.source.bounds;
@@ -153,12 +155,12 @@ class Page {
       .sort((a, b) => a.patches.patches - b.patches.patches);
     $('level').add(new Option('one pixel from here', ''));
     for (const { level, patches } of choices)
-      $('level').add(new Option(`${patches.patches} patches, ${patches.bytes} bytes`, String(level)));
+      $('level').add(new Option(`${formatCount(patches.patches)} patches, ${formatBytes(patches.bytes)}`, String(level)));
     this.choices = new Map(choices.map((level) => [String(level.level), level]));
     if (asked.has('level')) $('level').value = asked.get('level');
     const at = (name, otherwise) => (asked.has(name) ? new Vector3(...asked.get(name).split(',').map(Number)) : otherwise);
     this.controls.target.copy(at('target', this.centre));
-    this.camera.position.copy(at('eye', this.centre.clone().add(new Vector3(0.6, 0.4, 1).normalize().multiplyScalar(this.radius * 2.7))));
+    this.camera.position.copy(at('eye', this.centre.clone().add((asked.get('up') === 'z' ? new Vector3(0.6, -1, 0.4) : new Vector3(0.6, 0.4, 1)).normalize().multiplyScalar(this.radius * 2.7))));
     this.controls.minDistance = this.radius * 1e-5;
     this.controls.update();
     await this.load();
@@ -249,9 +251,10 @@ class Page {
     const nearest = Math.max(view.near, view.eye.distanceTo(this.centre) - this.radius);
     const errorPixels = (this.error * focal) / nearest;
     const given = this.drawn.reduce((n, d) => n + d.curves.patches, 0);
-    $('facts').value = `${given} patches in ${this.bytes} bytes\ncertified error ${this.error.toPrecision(3)}, at most ${errorPixels.toPrecision(2)} px here\n` +
-      `${sum.triangles} triangles, within ${pixels.toPrecision(2)} px of the curves\n${sum.visible} patches seen, ${sum.back} from behind, ${sum.outside} outside\n` +
-      `${sum.patchesMade} patches, ${sum.verticesMade} vertices made\n${spent.toFixed(1)} ms`;
+    const n = Object.fromEntries(Object.entries(sum).map(([name, count]) => [name, formatCount(count)]));
+    $('facts').value = `${formatCount(given)} patches in ${formatBytes(this.bytes)}\ncertified error ${formatUnits(this.error)}, at most ${formatPixels(errorPixels)} px here\n` +
+      `${n.triangles} triangles, within ${formatPixels(pixels)} px of the curves\n${n.visible} patches seen, ${n.back} from behind, ${n.outside} outside\n` +
+      `${n.patchesMade} patches, ${n.verticesMade} vertices made\n${spent.toFixed(1)} ms`;
     Object.assign($('facts').dataset, { ...sum, given, pixels, bytes: this.bytes, milliseconds: spent.toFixed(2) });
   }
 }

@@ -11,6 +11,7 @@ import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { makeDraco } from '../three/loader.js';
 import { Births, Refinement } from '../wasm/refine.js';
+import { formatCount } from './format.js';
 
 const FOV = 45;
 const GROW_SECONDS = 0.3;
@@ -84,8 +85,7 @@ function growing(material, uniforms) {
 
 class Page {
   constructor() {
-    this.renderer = new WebGLRenderer({ canvas: $('canvas'), antialias: true, preserveDrawingBuffer: true });
-    this.renderer.setClearColor(0xe9eaec);
+    this.renderer = new WebGLRenderer({ canvas: $('canvas'), antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.scene = new Scene();
     this.scene.add(new HemisphereLight(0xffffff, 0x8899aa, 1.6));
     this.camera = new PerspectiveCamera(FOV, 1, 0.01, 100);
@@ -208,7 +208,7 @@ class Page {
     this.uniforms.now.value = now;
     this.wires.visible = $('wires').checked;
     this.renderer.render(this.scene, this.camera);
-    $('facts').value = `${this.triangles} triangles from ${this.baseTriangles}\n${count} splits and merges\n${spent.toFixed(1)} ms to refine`;
+    $('facts').value = `${formatCount(this.triangles)} triangles from ${formatCount(this.baseTriangles)}\n${formatCount(count)} splits and merges\n${spent.toFixed(1)} ms to refine`;
     Object.assign($('facts').dataset, { triangles: this.triangles, base: this.baseTriangles, operations: count, frame: (this.frames = (this.frames ?? 0) + 1) });
   }
 
