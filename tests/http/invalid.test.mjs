@@ -37,7 +37,7 @@ before(async () => {
     if (job.status !== 202) job.problem = JSON.parse(job.body);
     else Object.assign(job, await daemon.finished(job.location));
   }
-}, { timeout: 120000 });
+}, { timeout: 400000 });
 after(() => daemon?.stop());
 
 const skip = files.length === 0;
