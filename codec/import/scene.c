@@ -495,6 +495,21 @@ static enum lod_status join_parts(struct lod_scene *scene, const uint32_t *numbe
   return LOD_OK;
 }
 
+/* Welding keeps triangles and their order, so charts stay right. */
+static enum lod_status keep_charts(struct lod_scene *scene, const struct lod_scene_part *part, struct lod_unit *unit) {
+  const struct lod_charts *from = part->charts;
+  struct lod_charts *to = LOD_NEW_ZERO(scene->arena, 1, struct lod_charts);
+  size_t triangles = part->mesh.triangle_count;
+  if (!to)
+    return LOD_MEMORY;
+  to->count = from->count;
+  to->nets = lod_arena_copy(scene->arena, from->nets, from->count * sizeof *from->nets);
+  to->of = lod_arena_copy(scene->arena, from->of, triangles * sizeof *from->of);
+  to->at = lod_arena_copy(scene->arena, from->at, triangles * sizeof *from->at);
+  unit->charts = to;
+  return to->nets && to->of && to->at ? LOD_OK : LOD_MEMORY;
+}
+
 /* One unit from parts; a lone part that is alone in the model goes to the weld without a copy. */
 static enum lod_status build_unit(struct lod_scene *scene, const uint32_t *numbers, uint32_t count, struct join *join,
                                   struct lod_unit *unit) {
@@ -507,14 +522,15 @@ static enum lod_status build_unit(struct lod_scene *scene, const uint32_t *numbe
   if (scene->parts.count == 1 && is_identity(first->instances[0])) {
     join->mesh = first->mesh;
     join->rounding = fmax(join->rounding, first->rounding);
+    if (first->charts)
+      status = keep_charts(scene, first, unit);
   } else {
     status = join_parts(scene, numbers, count, arena, join);
   }
-  if (status == LOD_OK) {
+  if (status == LOD_OK)
     status = lod_mesh_weld(&join->mesh, scene->arena, &unit->mesh, NULL);
-    if (status != LOD_OK)
-      lod_fail_memory(join->problem);
-  }
+  if (status == LOD_MEMORY)
+    lod_fail_memory(join->problem);
   lod_arena_destroy(arena);
   assert(status != LOD_OK || lod_mesh_check(&unit->mesh, NULL));
   return status;

@@ -21,9 +21,10 @@ struct lod_scene_part {
   /* In part space. positions, normals, uvs and colours may be changed in place. Attributes belong to wedges; see lod_scene_share_index
    * for files with one index. `parts` is ignored. Materials are numbers that lod_scene_add_material gave. */
   struct lod_mesh mesh;
-  double rounding;         /* bound on the distance of mesh.positions from what the file says */
-  uint32_t instance_count; /* at least 1 */
-  double (*instances)[16]; /* column-major, finite, last row 0 0 0 1; NULL = one identity */
+  double rounding;                 /* bound on the distance of mesh.positions from what the file says */
+  uint32_t instance_count;         /* at least 1 */
+  double (*instances)[16];         /* column-major, finite, last row 0 0 0 1; NULL = one identity */
+  const struct lod_charts *charts; /* of mesh, or NULL; dropped where the part is not alone in the model */
 };
 
 /* For meshes whose attributes have the positions' index: wedge v is vertex v. Does nothing to a mesh without attributes. */

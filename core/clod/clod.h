@@ -18,6 +18,7 @@
 
 #include "core/base/parallel.h"
 #include "core/clod/patches.h"
+#include "core/mesh/model.h"
 
 struct lod_clod;
 
@@ -35,6 +36,14 @@ struct lod_clod_settings lod_clod_defaults(void);
  * LOD_LIMIT (over 2^28 triangles). */
 LOD_WARN_UNUSED enum lod_status lod_clod_create(const struct lod_mesh *mesh, const struct lod_clod_settings *settings,
                                                 struct lod_arena *arena, struct lod_clod **clod, struct lod_problem *problem);
+
+/* The C-Model of splines (5.2): a patch for each chart of `charts`, which lie on `mesh` (neither owned), with the charts' own edges and
+ * centres fitted to what they cover. Edges are shared where two charts have the same vertices along a side. *suitable false, and no
+ * C-Model: a chart has the same vertex at two corners, or sides of neighbours do not match, so that edges would open: take lod_clod_create.
+ * LOD_MEMORY, LOD_LIMIT. */
+LOD_WARN_UNUSED enum lod_status lod_clod_create_charts(const struct lod_mesh *mesh, const struct lod_charts *charts,
+                                                       const struct lod_clod_settings *settings, struct lod_arena *arena,
+                                                       struct lod_clod **clod, bool *suitable, struct lod_problem *problem);
 
 /* Removes vertices, least error first, until `patches` are left or every further removal would make a patch of more than `error` (model
  * units; INFINITY = any). May be called again with less patches or more error. LOD_MEMORY, LOD_CANCELLED. */

@@ -1,6 +1,7 @@
 /* Conforming subdivision of patches. See halve.h. */
 #include "core/clod/halve.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 struct halving {
@@ -222,4 +223,55 @@ enum lod_status lod_patches_halve(const struct lod_patches *patches, const bool 
   lod_arena_destroy(scratch);
   *new_roots = h.new_roots;
   return status;
+}
+
+struct ends {
+  uint32_t low, high, edge;
+};
+
+static int by_ends(const void *a, const void *b) {
+  const struct ends *x = a, *y = b;
+  if (x->low != y->low)
+    return x->low < y->low ? -1 : 1;
+  if (x->high != y->high)
+    return x->high < y->high ? -1 : 1;
+  return x->edge < y->edge ? -1 : 1;
+}
+
+static enum lod_status mark_same(const struct lod_patches *patches, bool *marks, struct lod_arena *scratch, bool *any) {
+  struct ends *list = LOD_NEW(scratch, patches->edge_count, struct ends);
+  if (list == NULL)
+    return LOD_MEMORY;
+  for (uint32_t e = 0; e < patches->edge_count; e++) {
+    uint32_t a = patches->ends[e][0], b = patches->ends[e][1];
+    list[e] = (struct ends){a < b ? a : b, a < b ? b : a, e};
+    marks[e] = a == b;
+  }
+  qsort(list, patches->edge_count, sizeof *list, by_ends);
+  for (uint32_t i = 1; i < patches->edge_count; i++)
+    if (list[i].low == list[i - 1].low && list[i].high == list[i - 1].high)
+      marks[list[i].edge] = marks[list[i - 1].edge] = true;
+  *any = false;
+  for (uint32_t e = 0; e < patches->edge_count; e++)
+    *any = *any || marks[e];
+  return LOD_OK;
+}
+
+enum lod_status lod_patches_separate(const struct lod_patches *patches, struct lod_arena *arena, struct lod_patches *result) {
+  enum { ROUNDS = 4 };
+  *result = *patches;
+  for (int round = 0; round < ROUNDS; round++) {
+    struct lod_arena *scratch = lod_arena_create_child(arena);
+    bool *marks = scratch == NULL ? NULL : LOD_NEW(scratch, result->edge_count, bool), any = false;
+    struct lod_patches next = *result;
+    uint32_t *roots;
+    enum lod_status status = marks == NULL ? LOD_MEMORY : mark_same(result, marks, scratch, &any);
+    if (status == LOD_OK && any)
+      status = lod_patches_halve(result, marks, NULL, arena, &next, &roots);
+    lod_arena_destroy(scratch);
+    if (status != LOD_OK || !any)
+      return status;
+    *result = next;
+  }
+  return LOD_OK;
 }

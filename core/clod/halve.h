@@ -13,4 +13,9 @@
 LOD_WARN_UNUSED enum lod_status lod_patches_halve(const struct lod_patches *patches, const bool *marks, const uint32_t *roots,
                                                   struct lod_arena *arena, struct lod_patches *result, uint32_t **new_roots);
 
+/* A copy in `arena` (or the same) in which no two edges have the same two ends and no edge ends where it began: such edges are halved. What
+ * names edges by their ends (codec/stream) needs it. LOD_MEMORY, LOD_LIMIT. */
+LOD_WARN_UNUSED enum lod_status lod_patches_separate(const struct lod_patches *patches, struct lod_arena *arena,
+                                                     struct lod_patches *result);
+
 #endif

@@ -44,6 +44,15 @@ struct lod_part {
 struct lod_unit {
   struct lod_mesh mesh;
   double scale; /* largest stretch of any of its instance transforms: an error e in the unit is at most scale * e in the model */
+  const struct lod_charts *charts; /* or NULL; for families of curves */
+};
+
+/* Where the triangles of a unit lie on the spline patches that they were cut from. A chart is a triangle of a patch's domain. */
+struct lod_charts {
+  uint32_t count;
+  double (*nets)[10][3]; /* count: a cubic near the chart's part of the patch, control points as core/clod/bezier.h numbers them */
+  uint32_t *of;          /* triangle_count: chart of each triangle */
+  float (*at)[3][3];     /* triangle_count: barycentric coordinates of its corners in the chart; exactly 0 on the chart's sides */
 };
 
 struct lod_model {

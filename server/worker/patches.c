@@ -6,6 +6,7 @@
 
 #include "codec/stream/patches.h"
 #include "core/clod/clod.h"
+#include "core/clod/halve.h"
 #include "core/clod/tessellate.h"
 
 /* Shares of the diagonal, finest first. */
@@ -23,8 +24,12 @@ const double *lod_curved_ladder(uint32_t *count) {
 struct run {
   const struct lod_unit *units;
   uint32_t unit_count;
-  struct lod_clod **clods;
-  double least; /* error below which nothing is coded more finely, model units */
+  struct lod_clod **clods;    /* what the level at hand is taken from: one of the next two */
+  struct lod_clod **splines;  /* from the unit's charts, or NULL */
+  struct lod_clod **polygons; /* from its triangles; made when first needed */
+  struct lod_arena *arena;
+  uint32_t *most; /* patches of each unit before anything was merged */
+  double least;   /* error below which nothing is coded more finely, model units */
   const struct lod_progress *progress;
   struct lod_problem *problem;
 };
@@ -44,6 +49,8 @@ static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_
   double error;
   lod_clod_facts(run->clods[u], &facts);
   if (lod_clod_extract(run->clods[u], facts.clod, arena, &patches, &error) != LOD_OK)
+    return lod_fail_memory(run->problem);
+  if (lod_patches_separate(&patches, arena, &patches) != LOD_OK)
     return lod_fail_memory(run->problem);
   double scale = run->units[u].scale, floor = run->least / scale;
   double own = fmax(error, floor);
@@ -102,10 +109,26 @@ static uint64_t patches_of_all(const struct run *run) {
   return sum;
 }
 
-/* Every unit down to its share of `patches`, or as far as `error` allows. */
+/* Splines are merged from their own patches, unless less error is asked for than these have: then from triangles. */
+static enum lod_status choose_model(const struct run *run, uint32_t u, double error) {
+  struct lod_clod_facts facts;
+  if (run->splines[u] != NULL) {
+    lod_clod_facts(run->splines[u], &facts);
+    run->clods[u] = run->splines[u];
+    if (facts.error <= error)
+      return LOD_OK;
+  }
+  if (run->polygons[u] == NULL)
+    LOD_TRY(lod_clod_create(&run->units[u].mesh, NULL, run->arena, &run->polygons[u], run->problem));
+  run->clods[u] = run->polygons[u];
+  return LOD_OK;
+}
+
+/* Every unit down to its share of `patches` of `all`, or as far as `error` allows. */
 static enum lod_status simplify(const struct run *run, double share, double error) {
   for (uint32_t u = 0; u < run->unit_count; u++) {
-    uint32_t wanted = (uint32_t)fmax(0, floor(share * run->units[u].mesh.triangle_count + 0.5));
+    LOD_TRY(choose_model(run, u, error / run->units[u].scale));
+    uint32_t wanted = (uint32_t)fmax(0, floor(share * run->most[u] + 0.5));
     LOD_TRY(lod_clod_simplify(run->clods[u], wanted, error / run->units[u].scale, run->progress));
   }
   return LOD_OK;
@@ -125,7 +148,9 @@ static enum lod_status emit_in(const struct run *run, struct lod_arena *arena, l
 
 static enum lod_status run_levels(const struct run *run, const struct lod_curved_settings *settings, struct lod_arena *arena,
                                   lod_level_sink *sink, void *sink_context) {
-  uint64_t all = patches_of_all(run), before = UINT64_MAX;
+  uint64_t all = 0, before = UINT64_MAX;
+  for (uint32_t u = 0; u < run->unit_count; u++)
+    all += run->most[u];
   uint32_t count = settings->patches != NULL ? settings->patch_count : settings->error_count;
   uint32_t *wanted = LOD_NEW(arena, count, uint32_t);
   if (wanted == NULL)
@@ -151,12 +176,24 @@ static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, 
                              struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct run run = {.units = units, .unit_count = unit_count, .progress = progress, .problem = problem};
-  run.clods = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, unit_count, struct lod_clod *);
-  enum lod_status status = run.clods == NULL ? LOD_MEMORY : LOD_OK;
+  struct lod_clod **lists = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, 3 * (size_t)unit_count, struct lod_clod *);
+  run.most = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, unit_count, uint32_t);
+  enum lod_status status = lists == NULL || run.most == NULL ? LOD_MEMORY : LOD_OK;
+  if (status == LOD_OK) {
+    run.clods = lists;
+    run.splines = lists + unit_count;
+    run.polygons = lists + 2 * (size_t)unit_count;
+    run.arena = scratch;
+  }
   for (uint32_t u = 0; status == LOD_OK && u < unit_count; u++) {
     struct lod_bounds bounds = lod_mesh_bounds(&units[u].mesh);
     run.least = fmax(run.least, 1e-5 * lod_bounds_diagonal(&bounds) * units[u].scale);
-    status = lod_clod_create(&units[u].mesh, NULL, scratch, &run.clods[u], problem);
+    bool suitable = false;
+    run.most[u] = units[u].mesh.triangle_count;
+    if (units[u].charts != NULL)
+      status = lod_clod_create_charts(&units[u].mesh, units[u].charts, NULL, scratch, &run.splines[u], &suitable, problem);
+    if (suitable)
+      run.most[u] = units[u].charts->count;
   }
   if (status == LOD_OK)
     status = run_levels(&run, settings, scratch, sink, sink_context);

@@ -13,6 +13,7 @@
 #include "codec/import/import.h"
 #include "codec/stream/patches.h"
 #include "core/clod/clod.h"
+#include "core/clod/halve.h"
 #include "core/clod/tessellate.h"
 #include "core/envelope/envelope.h"
 #include "server/worker/levels.h"
@@ -96,6 +97,7 @@ static void bench_row(const struct subject *subject, struct lod_clod *clod, uint
   lod_clod_facts(clod, &facts);
   struct lod_patches patches, decoded;
   must(lod_clod_extract(clod, facts.clod, arena, &patches, NULL));
+  must(lod_patches_separate(&patches, arena, &patches));
   double own = fmax(facts.error, 1e-5 * subject->diagonal);
   struct lod_patches_encode_request encode = {.patches = &patches, .unit_count = 1, .step = 0.4 * own, .error = facts.error};
   struct lod_patches_header header;
@@ -147,9 +149,15 @@ static void bench(struct subject *subject, const uint32_t *rows, uint32_t row_co
   struct lod_clod *clod;
   struct lod_clod_facts facts;
   double began = now(), seconds = 0;
-  must(lod_clod_create(&subject->model.units[0].mesh, NULL, subject->arena, &clod, NULL));
+  const struct lod_charts *charts = subject->model.units[0].charts;
+  bool suitable = false;
+  if (charts != NULL)
+    must(lod_clod_create_charts(&subject->model.units[0].mesh, charts, NULL, subject->arena, &clod, &suitable, NULL));
+  if (!suitable)
+    must(lod_clod_create(&subject->model.units[0].mesh, NULL, subject->arena, &clod, NULL));
   lod_clod_facts(clod, &facts);
-  printf("%-20s C-Model of %u patches in %.2f s (%.2f M triangles/s), bound %.4f %%, import within %.4f %%\n", subject->name, facts.patches,
+  printf("%-20s %s", subject->name, suitable ? "from splines: " : charts != NULL ? "splines do not match: " : "");
+  printf("C-Model of %u patches in %.2f s (%.2f M triangles/s), bound %.4f %%, import within %.4f %%\n", facts.patches,
          now() - began, 1e-6 * facts.patches / (now() - began), 100 * facts.error / subject->diagonal,
          100 * subject->model.rounding / subject->diagonal);
   for (uint32_t i = 0; i < row_count; i++)
