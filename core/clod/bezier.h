@@ -115,4 +115,7 @@ uint32_t lod_bezier_segments(const struct lod_bezier *patch, double tolerance, u
 double lod_bezier_deviation(const struct lod_bezier *patch, uint32_t m);
 double lod_bezier_curve_deviation(const struct lod_bezier_curve *curve, uint32_t m);
 
+/* A cone that holds all normals of a patch: unit axis and the sine of the half angle, below 1. False: no such cone was found. */
+bool lod_bezier_normal_cone(const struct lod_bezier *net, struct lod_vec3 *axis, double *sine);
+
 #endif

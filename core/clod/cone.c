@@ -1,7 +1,7 @@
 /* All normals of a cubic patch in a cone. */
 #include <math.h>
 
-#include "core/clod/dynamic.h"
+#include "core/clod/bezier.h"
 
 /* The normal, a quartic, is a positive combination of its Bernstein points, each of which is one of products of the derivatives' control
  * vectors: so all normals lie in a cone that holds these products. */

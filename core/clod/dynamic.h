@@ -77,7 +77,4 @@ void lod_dynamic_triangle_patches(const struct lod_dynamic *dynamic, uint32_t *t
 uint32_t lod_dynamic_domain(const struct lod_dynamic *dynamic, uint32_t patch, const uint32_t (**triangles)[3],
                             const struct lod_barycentric **domain);
 
-/* A cone that holds all normals of a patch: unit axis and the sine of the half angle, below 1. False: no such cone was found. */
-bool lod_bezier_normal_cone(const struct lod_bezier *net, struct lod_vec3 *axis, double *sine);
-
 #endif

@@ -119,8 +119,9 @@ static void turn_edges(const struct lod_patches *patches, struct lod_patches *re
     }
 }
 
-enum lod_status lod_patches_make_strict(const struct lod_patches *patches, struct lod_arena *arena, struct lod_patches *result,
+enum lod_status lod_patches_make_strict(const struct lod_patches *given, struct lod_arena *arena, struct lod_patches *result,
                                         double *deviation) {
+  const struct lod_patches copy = *given, *patches = &copy; /* which may be the result */
   *result = *patches;
   result->inner = lod_arena_alloc(arena, patches->edge_count, sizeof *result->inner);
   result->centres = LOD_NEW(arena, patches->patch_count, struct lod_vec3);

@@ -119,6 +119,8 @@ static double triangle_cost(const struct lod_clod *clod, const struct clod_polyg
 /* allowed[i][j]: no edge joins ring vertices i and j outside of the hole. */
 static void find_forbidden(const struct lod_clod *clod, const struct clod_polygon *polygon, bool allowed[CLOD_RING][CLOD_RING]) {
   memset(allowed, 1, sizeof(bool[CLOD_RING][CLOD_RING]));
+  for (uint32_t i = 0; i < polygon->size; i++)
+    clod->ring_place[polygon->ring[i]] = (uint8_t)(i + 1);
   for (uint32_t i = 0; i < polygon->size; i++) {
     /* All patches around ring vertex i, both ways from one of them. */
     uint32_t start = following_half(polygon->old[i < polygon->old_count ? i : i - 1]);
@@ -127,11 +129,11 @@ static void find_forbidden(const struct lod_clod *clod, const struct clod_polygo
     for (int way = 0; way < 2; way++) {
       uint32_t at = start, steps = 0;
       do {
+        const uint32_t *corners = clod->patches[at / 3].corners;
         for (uint32_t k = 1; k < 3; k++) {
-          uint32_t other = clod->patches[at / 3].corners[(at + k) % 3];
-          for (uint32_t j = 0; j < polygon->size; j++)
-            if (polygon->ring[j] == other)
-              allowed[i][j] = allowed[j][i] = false;
+          uint32_t j = clod->ring_place[corners[at % 3 + k >= 3 ? at % 3 + k - 3 : at % 3 + k]];
+          if (j != 0)
+            allowed[i][j - 1] = allowed[j - 1][i] = false;
         }
         if (way == 0) {
           at = next_around(clod, at);
@@ -144,6 +146,8 @@ static void find_forbidden(const struct lod_clod *clod, const struct clod_polygo
         break;
     }
   }
+  for (uint32_t i = 0; i < polygon->size; i++)
+    clod->ring_place[polygon->ring[i]] = 0;
 }
 
 static void add_triangles(struct clod_polygon *polygon, const uint8_t best[CLOD_RING][CLOD_RING], uint32_t i, uint32_t k) {

@@ -62,8 +62,9 @@ struct lod_clod {
 
   uint32_t vertex_count; /* fans of the source */
   struct lod_vec3 *positions;
-  uint8_t *removable; /* vertex_count: 0 stays, 1 inside a face, 2 on a line */
-  uint32_t *half;     /* vertex_count: 3 * patch + k of a living patch whose corner k it is; LOD_NONE */
+  uint8_t *removable;  /* vertex_count: 0 stays, 1 inside a face, 2 on a line */
+  uint8_t *ring_place; /* vertex_count: 1 + its number in the polygon at hand, else 0 */
+  uint32_t *half;      /* vertex_count: 3 * patch + k of a living patch whose corner k it is; LOD_NONE */
 
   struct clod_edge *edges;
   struct clod_patch *patches;

@@ -291,6 +291,13 @@ static enum lod_status make_centres(struct builder *b) {
   return LOD_OK;
 }
 
+static bool is_folded(const struct lod_clod *clod, uint32_t p) {
+  struct lod_bezier net = clod_net(clod, &clod->patches[p]);
+  struct lod_vec3 axis;
+  double sine;
+  return !lod_bezier_normal_cone(&net, &axis, &sine);
+}
+
 static void bound_all(struct lod_clod *clod) {
   for (uint32_t p = 0; p < clod->patch_count; p++) {
     struct clod_patch *patch = &clod->patches[p];
@@ -330,8 +337,8 @@ static int compare_doubles(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-/* A few patches swell far more than the rest where the source's normals are poor. Their edges are drawn towards the chord until they do not
- * stand out: at most kSwell times the median. */
+/* A few patches swell far more than the rest where the source's normals are poor, or fold. Their edges are drawn towards the chord until
+ * they do not stand out: at most kSwell times the median. */
 static enum lod_status flatten_swollen(struct builder *b) {
   enum { ROUNDS = 5 };
   static const double kSwell = 2;
@@ -343,13 +350,18 @@ static enum lod_status flatten_swollen(struct builder *b) {
     bounds[p] = clod->patches[p].bound;
   qsort(bounds, clod->patch_count, sizeof *bounds, compare_doubles);
   double most = clod->patch_count == 0 ? 0 : kSwell * bounds[clod->patch_count / 2];
+  bool *bad = LOD_NEW(b->scratch, clod->patch_count, bool);
+  if (bad == NULL)
+    return LOD_MEMORY;
   for (int round = 0; round < ROUNDS; round++) {
     bool any = false;
+    for (uint32_t p = 0; p < clod->patch_count; p++)
+      bad[p] = clod->patches[p].bound > most || is_folded(clod, p);
     for (uint32_t e = 0; e < clod->edge_count; e++) {
       struct clod_edge *edge = &clod->edges[e];
       bool swollen = false;
       for (int i = 0; i < 2; i++)
-        swollen = swollen || (edge->users[i] != LOD_NONE && clod->patches[edge->users[i] / 3].bound > most);
+        swollen = swollen || (edge->users[i] != LOD_NONE && bad[edge->users[i] / 3]);
       any = any || swollen;
       for (int i = 0; i < 2 && swollen; i++) {
         struct lod_vec3 near = clod->positions[edge->ends[i]], far = clod->positions[edge->ends[1 - i]];

@@ -195,6 +195,29 @@ double lod_bend_deviation(const struct lod_bend *bend, const struct lod_tessella
   return worst;
 }
 
+/* An upper bound of lod_bend_deviation that needs no vectors: by the largest second derivative along each side. */
+static double quick_deviation(const struct lod_bend *bend, const struct lod_tessellation_pattern *pattern, uint32_t begin, uint32_t end) {
+  double most[3] = {0, 0, 0}, worst = 0;
+  for (int s = 0; s < 3; s++) {
+    for (int k = 0; k < 3; k++)
+      most[s] = fmax(most[s], lod_vec3_length_squared(bend->h[s][k]));
+    most[s] = sqrt(most[s]);
+  }
+  for (uint32_t t = begin; t < end; t++) {
+    const uint32_t *triangle = pattern->triangles[t];
+    double bends[3];
+    for (int e = 0; e < 3; e++) {
+      struct lod_barycentric a = pattern->domain[triangle[e]], b = pattern->domain[triangle[e == 2 ? 0 : e + 1]];
+      double du = b.u - a.u, dv = b.v - a.v, dw = b.w - a.w;
+      bends[e] = fabs(du * dv) * most[0] + fabs(dv * dw) * most[1] + fabs(dw * du) * most[2];
+    }
+    double largest = fmax(bends[0], fmax(bends[1], bends[2]));
+    if (largest > 6 * worst) /* a triangle's bound is at most a sixth of the largest */
+      worst = fmax(worst, triangle_bound(bends[0], bends[1], bends[2]));
+  }
+  return worst;
+}
+
 double lod_tessellation_deviation(const struct lod_bezier *patch, const struct lod_tessellation_pattern *pattern) {
   struct lod_bend bend = lod_bend_of(patch);
   return lod_bend_deviation(&bend, pattern, 0, pattern->triangle_count);
@@ -309,7 +332,9 @@ enum lod_status lod_pattern_choose(struct lod_pattern_cache *cache, const struct
     LOD_TRY(lod_pattern_cache_find(cache, m, factors, number));
     const struct lod_tessellation_pattern *pattern = &cache->entries[*number].pattern;
     uint32_t ring = m < 3 ? 0 : (m - 3) * (m - 3); /* the inner triangles come first and obey the grid's bound */
-    *deviation = lod_bend_deviation(&bend, pattern, ring, pattern->triangle_count);
+    *deviation = steps ? quick_deviation(&bend, pattern, ring, pattern->triangle_count) : INFINITY;
+    if (*deviation > tolerance)
+      *deviation = lod_bend_deviation(&bend, pattern, ring, pattern->triangle_count);
     if (ring > 0)
       *deviation = fmax(*deviation, whole / ((double)m * m));
     if (*deviation <= tolerance || m == LOD_TESSELLATE_MOST)

@@ -175,6 +175,88 @@ static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, dou
     }
 }
 
+/* ---- folds ---- */
+
+static struct lod_vec3 side_normal(const struct lod_bezier *net, uint32_t k, double t) {
+  double at[3] = {0, 0, 0};
+  at[k] = 1 - t;
+  at[(k + 1) % 3] = t;
+  return lod_bezier_normal(net, (struct lod_barycentric){at[0], at[1], at[2]});
+}
+
+/* Patches with side k of a, from its corner on, and side l of b, against it, turn back on one another somewhere along it. */
+static bool folds_over(const struct lod_bezier *a, uint32_t k, const struct lod_bezier *b, uint32_t l) {
+  for (int i = 1; i < 4; i++)
+    if (lod_vec3_dot(side_normal(a, k, i / 4.0), side_normal(b, l, 1 - i / 4.0)) < 0)
+      return true;
+  return false;
+}
+
+static bool is_regular(const struct lod_bezier *net) {
+  struct lod_vec3 axis;
+  double sine;
+  return lod_bezier_normal_cone(net, &axis, &sine);
+}
+
+/* The net across side `name` of a polygon's triangle i, *l its side; false where the surface is sharp there, or ends. */
+static bool net_across(const struct lod_clod *clod, const struct clod_hole *hole, uint32_t h, uint32_t i, uint32_t name,
+                       struct lod_bezier *net, uint32_t *l) {
+  const struct clod_polygon *polygon = &hole->halves[h];
+  if (name < CLOD_RING) {
+    uint32_t side = outer_side(clod, polygon, name), other = clod->edges[side >> 1].users[1 - (side & 1)];
+    if (other == LOD_NONE || (clod->edges[side >> 1].flags & CLOD_SHARP) != 0)
+      return false;
+    for (uint32_t j = 0; j < polygon->old_count; j++)
+      if (polygon->old[j] / 3 == other / 3)
+        return false; /* both sides of the edge are in the hole */
+    *net = clod_net(clod, &clod->patches[other / 3]);
+    *l = other % 3;
+    return true;
+  }
+  if (polygon->open && name == CLOD_RING)
+    return false;
+  for (uint32_t j = 0; j < i; j++) /* each diagonal once */
+    for (uint32_t k = 0; k < 3; k++)
+      if (polygon->sides[j][k] == name) {
+        *net = hole->nets[h][j];
+        *l = k;
+        return true;
+      }
+  return false;
+}
+
+/* What would replace the hole has a patch that is folded, or folds over a neighbour, and the hole had less of that. A patch is not folded
+ * when all its normals lie in a cone, which the products of its derivatives' control vectors prove. */
+static bool makes_folds(const struct lod_clod *clod, const struct clod_hole *hole) {
+  uint32_t before = 0, after = 0;
+  for (uint32_t h = 0; h < hole->half_count; h++)
+    for (uint32_t i = 0; i < hole->halves[h].triangle_count; i++) {
+      const struct lod_bezier *net = &hole->nets[h][i];
+      after += !is_regular(net);
+      for (uint32_t k = 0; k < 3; k++) {
+        struct lod_bezier other;
+        uint32_t l;
+        after += net_across(clod, hole, h, i, hole->halves[h].sides[i][k], &other, &l) && folds_over(net, k, &other, l);
+      }
+    }
+  if (after == 0)
+    return false;
+  for (uint32_t h = 0; h < hole->half_count; h++)
+    for (uint32_t s = 0; s < hole->halves[h].old_count; s++) {
+      uint32_t p = hole->halves[h].old[s] / 3;
+      struct lod_bezier net = clod_net(clod, &clod->patches[p]);
+      before += !is_regular(&net);
+      for (uint32_t k = 0; k < 3; k++) {
+        uint32_t across = clod_across(clod, 3 * p + k);
+        if (across == LOD_NONE || (clod->edges[clod->patches[p].sides[k] >> 1].flags & CLOD_SHARP) != 0)
+          continue;
+        struct lod_bezier other = clod_net(clod, &clod->patches[across / 3]);
+        before += folds_over(&net, k, &other, across % 3); /* those inside count twice: the hole may lose them */
+      }
+    }
+  return after >= before;
+}
+
 /* hole->bound: what removing v would leave; INFINITY when it may not be removed, or would leave more than `limit`. */
 static enum lod_status try_removal(struct lod_clod *clod, uint32_t v, double limit) {
   struct clod_hole *hole = clod->hole;
@@ -193,6 +275,8 @@ static enum lod_status try_removal(struct lod_clod *clod, uint32_t v, double lim
     LOD_TRY(clod_local_deal(clod, hole, &good));
   if (good)
     fit_patches(clod, hole, limit);
+  if (isfinite(hole->bound) && hole->bound <= limit && makes_folds(clod, hole))
+    hole->bound = INFINITY;
   return LOD_OK;
 }
 
@@ -297,6 +381,10 @@ static enum lod_status commit(struct lod_clod *clod) {
 
 /* ---- the loop ---- */
 
+/* A removal that is tried is made when it is at most so much worse than the next might be: trying it again later costs more than it gains.
+ */
+static const double kEase = 1.1;
+
 /* Cheap guess before a removal was tried: how far the vertex stands above its neighbours' mean. */
 static double guess_key(const struct lod_clod *clod, uint32_t v) {
   uint32_t half = clod->half[v];
@@ -323,7 +411,8 @@ static enum lod_status start(struct lod_clod *clod) {
   LOD_TRY(clod_local_create(clod->arena, &clod->hole->local));
   clod->queue->heap = LOD_NEW(clod->arena, clod->vertex_count, struct entry);
   clod->queue->place = LOD_NEW(clod->arena, clod->vertex_count, uint32_t);
-  if (clod->queue->heap == NULL || clod->queue->place == NULL)
+  clod->ring_place = LOD_NEW_ZERO(clod->arena, clod->vertex_count, uint8_t);
+  if (clod->queue->heap == NULL || clod->queue->place == NULL || clod->ring_place == NULL)
     return LOD_MEMORY;
   memset(clod->queue->place, 0xff, clod->vertex_count * sizeof *clod->queue->place);
   for (uint32_t v = 0; v < clod->vertex_count; v++)
@@ -351,7 +440,7 @@ enum lod_status lod_clod_simplify(struct lod_clod *clod, uint32_t patches, doubl
     if (clod->tried % 256 == 0 && lod_progress_cancelled(progress))
       return LOD_CANCELLED;
     struct entry top = pop(queue);
-    double next = queue->count > 0 ? queue->heap[0].key : INFINITY, enough = fmin(error, fmax(queue->reached, next));
+    double next = queue->count > 0 ? queue->heap[0].key : INFINITY, enough = fmin(error, fmax(queue->reached, kEase * next));
     LOD_TRY(try_removal(clod, top.vertex, INFINITY));
     double bound = clod->hole->bound;
     if (isfinite(bound) && bound <= enough) {

@@ -13,6 +13,7 @@
 #include "codec/import/import.h"
 #include "codec/stream/patches.h"
 #include "core/clod/clod.h"
+#include "core/clod/dynamic.h"
 #include "core/clod/halve.h"
 #include "core/clod/tessellate.h"
 #include "core/envelope/envelope.h"
@@ -98,6 +99,14 @@ static void bench_row(const struct subject *subject, struct lod_clod *clod, uint
   struct lod_patches patches, decoded;
   must(lod_clod_extract(clod, facts.clod, arena, &patches, NULL));
   must(lod_patches_separate(&patches, arena, &patches));
+  double gap = lod_patches_normal_gap(&patches, 8);
+  uint32_t folded = 0;
+  for (uint32_t p = 0; p < patches.patch_count; p++) {
+    struct lod_bezier net = lod_patches_net(&patches, p);
+    struct lod_vec3 axis;
+    double sine;
+    folded += !lod_bezier_normal_cone(&net, &axis, &sine);
+  }
   double own = fmax(facts.error, 1e-5 * subject->diagonal);
   struct lod_patches_encode_request encode = {.patches = &patches, .unit_count = 1, .step = 0.4 * own, .error = facts.error};
   struct lod_patches_header header;
@@ -115,7 +124,8 @@ static void bench_row(const struct subject *subject, struct lod_clod *clod, uint
   double error = distance.two_sided.upper + flat.deviation + subject->model.rounding;
   printf("%-20s %7u %8.4f %8.4f %8zu %5.1f %7.2f %9.0f %6.1f", subject->name, facts.patches, 100 * facts.error / subject->diagonal,
          100 * error / subject->diagonal, size, (double)size / fmax(1, facts.patches), taken,
-         (before.patches - facts.patches) / fmax(taken, 1e-9), lod_patches_normal_gap(&decoded, 8));
+         (before.patches - facts.patches) / fmax(taken, 1e-9), gap);
+  printf(" %5.1f %4u", lod_patches_normal_gap(&decoded, 8), folded);
   fflush(stdout);
   if (with_envelope && error > kEnvelopeLeast * subject->diagonal)
     bench_envelope(subject, error, arena);
@@ -142,6 +152,60 @@ static void bench_tessellation(const struct subject *subject, const struct lod_c
   lod_arena_destroy(arena);
 }
 
+/* Following a view: everything made anew by turns at two tolerances, in memory that is there already; then a camera that moves. */
+static void bench_dynamic(const struct subject *subject, const struct lod_clod *clod, enum lod_smoothness smoothness) {
+  enum { TURNS = 6, FRAMES = 60 };
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_clod_facts facts;
+  struct lod_patches patches;
+  struct lod_dynamic *dynamic;
+  struct lod_dynamic_stats stats;
+  lod_clod_facts(clod, &facts);
+  must(lod_clod_extract(clod, facts.clod, arena, &patches, NULL));
+  if (smoothness == LOD_SMOOTH_STRICT)
+    must(lod_patches_make_strict(&patches, arena, &patches, NULL));
+  must(lod_dynamic_create(&patches, arena, &dynamic));
+  struct lod_bounds bounds = lod_model_bounds(&subject->model);
+  struct lod_vec3 centre = {(bounds.min[0] + bounds.max[0]) / 2, (bounds.min[1] + bounds.max[1]) / 2, (bounds.min[2] + bounds.max[2]) / 2};
+  struct lod_dynamic_view view = {.eye = lod_vec3_add(centre, (struct lod_vec3){0, 0, 1.3 * subject->diagonal}),
+                                  .forward = {0, 0, -1},
+                                  .up = {0, 1, 0},
+                                  .fov_degrees = 45,
+                                  .aspect = 1.6,
+                                  .height_px = 1080,
+                                  .near = 1e-3 * subject->diagonal};
+  struct lod_dynamic_settings settings = lod_dynamic_defaults();
+  settings.smoothness = smoothness;
+  settings.cull_back = settings.cull_outside = false;
+  uint64_t vertices = 0;
+  double began = 0;
+  for (int turn = -2; turn < TURNS; turn++) {
+    if (turn == 0)
+      began = now();
+    settings.pixels = turn % 2 == 0 ? 0.005 : 0.05;
+    must(lod_dynamic_update(dynamic, &view, &settings, &stats));
+    vertices += turn < 0 ? 0 : stats.vertices_made;
+  }
+  double taken = now() - began;
+  printf("%-20s following a view%s: %.1f M vertices/s made", subject->name, smoothness == LOD_SMOOTH_STRICT ? ", strictly smooth" : "",
+         1e-6 * (double)vertices / fmax(taken, 1e-9));
+  settings.pixels = 0.5;
+  settings.cull_back = settings.cull_outside = true;
+  must(lod_dynamic_update(dynamic, &view, &settings, &stats));
+  uint64_t made = 0, seen = 0;
+  began = now();
+  for (int frame = 0; frame < FRAMES; frame++) {
+    view.eye.z -= 0.012 * subject->diagonal;
+    must(lod_dynamic_update(dynamic, &view, &settings, &stats));
+    made += stats.patches_made;
+    seen += stats.visible;
+  }
+  printf("; a moving camera: %.2f ms a frame, %.1f %% of %.0f patches seen made anew, %u triangles\n", 1e3 * (now() - began) / FRAMES,
+         100 * (double)made / fmax(1, (double)seen), (double)seen / FRAMES, stats.triangles);
+  lod_dynamic_destroy(dynamic);
+  lod_arena_destroy(arena);
+}
+
 static void bench(struct subject *subject, const uint32_t *rows, uint32_t row_count) {
   struct lod_bounds bounds = lod_model_bounds(&subject->model);
   subject->diagonal = lod_bounds_diagonal(&bounds);
@@ -157,9 +221,8 @@ static void bench(struct subject *subject, const uint32_t *rows, uint32_t row_co
     must(lod_clod_create(&subject->model.units[0].mesh, NULL, subject->arena, &clod, NULL));
   lod_clod_facts(clod, &facts);
   printf("%-20s %s", subject->name, suitable ? "from splines: " : charts != NULL ? "splines do not match: " : "");
-  printf("C-Model of %u patches in %.2f s (%.2f M triangles/s), bound %.4f %%, import within %.4f %%\n", facts.patches,
-         now() - began, 1e-6 * facts.patches / (now() - began), 100 * facts.error / subject->diagonal,
-         100 * subject->model.rounding / subject->diagonal);
+  printf("C-Model of %u patches in %.2f s (%.2f M triangles/s), bound %.4f %%, import within %.4f %%\n", facts.patches, now() - began,
+         1e-6 * facts.patches / (now() - began), 100 * facts.error / subject->diagonal, 100 * subject->model.rounding / subject->diagonal);
   for (uint32_t i = 0; i < row_count; i++)
     bench_row(subject, clod, rows[i], &seconds);
   lod_clod_facts(clod, &facts);
@@ -167,6 +230,8 @@ static void bench(struct subject *subject, const uint32_t *rows, uint32_t row_co
          (unsigned long long)facts.tried, facts.clod, facts.clod + 1, 1e-6 * (double)facts.history_bytes,
          1e-6 * (12.0 * subject->model.units[0].mesh.vertex_count + 12.0 * subject->model.units[0].mesh.triangle_count));
   bench_tessellation(subject, clod);
+  bench_dynamic(subject, clod, LOD_SMOOTH_SHADED);
+  bench_dynamic(subject, clod, LOD_SMOOTH_STRICT);
 }
 
 static bool load(struct subject *subject, const char *path) {
@@ -209,8 +274,8 @@ int main(int argc, char **argv) {
     with_envelope = strcmp(argv[2], "0") != 0;
     first = 3;
   }
-  printf("%-20s %7s %8s %8s %8s %5s %7s %9s %6s  | %7s %8s %8s %7s\n", "model", "patches", "bound %", "error %", "bytes", "/p", "s",
-         "patches/s", "gap", "tris", "bytes", "error %", "s");
+  printf("%-20s %7s %8s %8s %8s %5s %7s %9s %6s %5s %4s  | %7s %8s %8s %7s\n", "model", "patches", "bound %", "error %", "bytes", "/p", "s",
+         "patches/s", "gap", "coded", "fold", "tris", "bytes", "error %", "s");
   for (int i = first; i < argc; i++) {
     struct subject subject = {0};
     if (load(&subject, argv[i]))

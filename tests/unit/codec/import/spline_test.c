@@ -1,6 +1,7 @@
 /* Patch files: curves that one knows, and what is wrong told by line. */
 #include <math.h>
 
+#include "core/clod/clod.h"
 #include "core/mesh/topology.h"
 #include "tests/unit/codec/import/importing.h"
 
@@ -194,6 +195,61 @@ static void every_prefix_of_a_patch_file_is_refused_or_read(void **state) {
   }
 }
 
+/* P3-10: a quarter of a dome, whose pole is a side that is a point, beside a plain bicubic patch. Coordinates put every vertex on its
+ * chart's cubic, within what cubics can do; sides that charts share have the same vertices. */
+static void charts_say_where_triangles_lie_on_their_patches(void **state) {
+  (void)state;
+  char text[8192] = "2\n3 3\n";
+  size_t at = strlen(text);
+  for (int s = 0; s < 4; s++)
+    for (int t = 0; t < 4; t++) /* t = 0: the pole */
+      at += (size_t)snprintf(text + at, sizeof text - at, "%.17g %.17g %.17g\n", t / 3.0 * cos(s * 0.5), t / 3.0 * sin(s * 0.5),
+                             t == 0   ? 0.5
+                             : t == 1 ? 0.5
+                             : t == 2 ? 0.35
+                                      : 0);
+  at += (size_t)snprintf(text + at, sizeof text - at, "3 3\n");
+  for (int s = 0; s < 4; s++)
+    for (int t = 0; t < 4; t++)
+      at += (size_t)snprintf(text + at, sizeof text - at, "%g %g %g\n", 2 + s / 3.0, t / 3.0, (s % 3 == 0 || t % 3 == 0) ? 0.0 : 0.4);
+  struct test_import i = import_text(text, "dome.bpt");
+  test_expect_ok(&i);
+  const struct lod_unit *unit = &i.model.units[0];
+  const struct lod_charts *charts = unit->charts;
+  assert_non_null(charts);
+  assert_true(charts->count >= 3);
+  double worst = 0;
+  for (uint32_t t = 0; t < unit->mesh.triangle_count; t++) {
+    assert_true(charts->of[t] < charts->count);
+    struct lod_bezier net;
+    for (int c = 0; c < 10; c++)
+      net.p[c] = (struct lod_vec3){charts->nets[charts->of[t]][c][0], charts->nets[charts->of[t]][c][1], charts->nets[charts->of[t]][c][2]};
+    for (int k = 0; k < 3; k++) {
+      const float *b = charts->at[t][k];
+      assert_true(b[0] >= 0 && b[1] >= 0 && b[2] >= 0 && fabsf(b[0] + b[1] + b[2] - 1) < 1e-5f);
+      struct lod_vec3 p = lod_bezier_point(&net, (struct lod_barycentric){(double)b[0], (double)b[1], (double)b[2]});
+      double distance = lod_vec3_distance(p, lod_vec3_from_float(unit->mesh.positions[unit->mesh.triangles[t][k]]));
+      worst = fmax(worst, distance);
+      if (b[0] == 1 || b[1] == 1 || b[2] == 1) /* corners are vertices */
+        assert_true(distance < 1e-6);
+    }
+  }
+  assert_true(worst < 0.03); /* of a diagonal of 3.2: the centre is the rule's, before it is fitted */
+  struct lod_clod *clod;
+  struct lod_clod_facts facts;
+  struct lod_arena *arena = lod_arena_create(0);
+  bool suitable;
+  assert_int_equal(lod_clod_create_charts(&unit->mesh, charts, NULL, arena, &clod, &suitable, NULL), LOD_OK);
+  assert_true(suitable && lod_clod_check(clod));
+  lod_clod_facts(clod, &facts);
+  assert_int_equal(facts.patches, charts->count);
+  assert_true(facts.error < 0.005);
+  assert_int_equal(lod_clod_simplify(clod, facts.patches / 2, INFINITY, NULL), LOD_OK);
+  assert_true(lod_clod_check(clod));
+  lod_arena_destroy(arena);
+  test_import_end(&i);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_bilinear_patch_is_two_triangles),
@@ -207,6 +263,7 @@ int main(void) {
       cmocka_unit_test(rib_transforms_and_bases_apply),
       cmocka_unit_test(what_is_wrong_is_told_by_line),
       cmocka_unit_test(every_prefix_of_a_patch_file_is_refused_or_read),
+      cmocka_unit_test(charts_say_where_triangles_lie_on_their_patches),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

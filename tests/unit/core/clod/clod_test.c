@@ -22,6 +22,7 @@
 
 #include <cmocka.h>
 
+#include "core/clod/evaluate.h"
 #include "core/clod/tessellate.h"
 #include "core/mesh/distance.h"
 #include "core/mesh/topology.h"
@@ -275,6 +276,53 @@ static void a_mesh_without_triangles_gives_nothing(void **state) {
   assert_int_equal(extract(clod, 0, NULL).patch_count, 0);
 }
 
+/* Patches whose normals lie in no cone, and smooth edges whose patches turn back on one another. */
+static uint32_t count_folds(const struct lod_patches *patches) {
+  uint32_t folds = 0;
+  for (uint32_t p = 0; p < patches->patch_count; p++) {
+    struct lod_bezier net = lod_patches_net(patches, p);
+    struct lod_vec3 axis;
+    double sine;
+    folds += !lod_bezier_normal_cone(&net, &axis, &sine);
+    for (uint32_t k = 0; k < 3; k++) {
+      uint32_t other = patches->partners[p][k], side = patches->edges[p][k];
+      if (other == LOD_NONE || other < 3 * p || patches->sharp[side >> 1])
+        continue;
+      for (int i = 1; i < 4; i++)
+        if (lod_vec3_dot(lod_edge_normal(patches, 3 * p + k, side & 1, i / 4.0, LOD_SMOOTH_SHADED),
+                         lod_edge_normal(patches, other, (side & 1) == 0, i / 4.0, LOD_SMOOTH_SHADED)) < 0) {
+          folds++;
+          break;
+        }
+    }
+  }
+  return folds;
+}
+
+/* Down to as few patches as there can be: a surface that had no folds has none, one that had some has no more. */
+static void merging_makes_no_folds(void **state) {
+  (void)state;
+  struct lod_mesh shapes[3] = {lod_shape_sphere(arena, 1, 4), lod_shape_torus(arena, 1, 0.4, 40, 20),
+                               lod_shape_tube(arena, 0.5, 3, 24, 12)};
+  for (uint32_t v = 0; v < shapes[0].vertex_count; v++) { /* waves, whose crests merge badly */
+    float *p = shapes[0].positions[v];
+    float r = 1 + 0.25f * sinf(9 * p[0]) * cosf(7 * p[1]) * sinf(8 * p[2] + 1);
+    for (int axis = 0; axis < 3; axis++)
+      p[axis] *= r;
+  }
+  for (int i = 0; i < 3; i++) {
+    struct lod_clod *clod = model_of(&shapes[i]);
+    uint32_t before = UINT32_MAX;
+    for (uint32_t wanted = 4096; wanted > 4; wanted /= 3) {
+      struct lod_clod_facts facts = simplify(clod, wanted, INFINITY);
+      struct lod_patches patches = extract(clod, facts.clod, NULL);
+      uint32_t folds = count_folds(&patches);
+      assert_true(folds <= before && folds < 3);
+      before = folds;
+    }
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(every_triangle_becomes_a_patch_that_meets_its_corners),
@@ -285,6 +333,7 @@ int main(void) {
       cmocka_unit_test(a_boundary_stays_a_boundary),
       cmocka_unit_test(all_levels_live_in_one_structure),
       cmocka_unit_test(the_same_input_gives_the_same_bits),
+      cmocka_unit_test(merging_makes_no_folds),
       cmocka_unit_test(a_pillow_of_two_patches_is_left_alone),
       cmocka_unit_test(a_tetrahedron_does_not_close_up),
       cmocka_unit_test(damaged_meshes_are_taken_as_they_are),

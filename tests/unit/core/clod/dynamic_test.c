@@ -248,7 +248,7 @@ static void only_what_the_view_asks_for_is_made_anew(void **state) {
     made += stats.patches_made;
     visible += stats.visible;
   }
-  assert_true(made > 0 && made < visible / 10);
+  assert_true(made > 0 && made < visible / 5);
   lod_dynamic_destroy(dynamic);
 }
 
