@@ -34,6 +34,7 @@ static const struct cli_option kOptions[] = {
     {"jobs", 'j', "N", "Threads; results do not depend on it. Default: as many as the machine has."},
     {"max-bytes", 0, "N", "Refuse files larger than this, with all that they refer to; 0, here and below: the most that is possible."},
     {"patches", 0, "N,N,...", "Patches of each level of the family clod. Default: a ladder of errors."},
+    {"patterns", 0, NULL, "The family clod merges patterns found depth first, as its paper does, instead of by least certified error."},
     {"max-vertices", 0, "N", "Refuse models with more vertices."},
     {"max-triangles", 0, "N", "Refuse models with more triangles."},
     {"max-instances", 0, "N", "Refuse models with more placed parts."},
@@ -163,6 +164,8 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
     if (!parse_list(value, request->patches, &request->patches_count))
       return cli_usage(&cli_bake, "--patches %s: expected at most %d whole numbers above 0, such as 200,800,3200", value,
                        LOD_BAKE_MAX_LIST);
+  } else if (strcmp(option->name, "patterns") == 0) {
+    request->patches_search = true;
   } else if (strcmp(option->name, "edges") == 0) {
     request->edges_name = value;
   } else if (strcmp(option->name, "format") == 0) {

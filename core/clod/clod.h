@@ -4,7 +4,7 @@
  * then vertices are removed: what T, star, 2T, T-in-T and swaps of diagonals do to the patches around a vertex (6) is done at once, in
  * every way that they can be combined. All C-LODs live in one structure (8.1). Where we differ, and why:
  * - Order: a priority queue on the certified error of the result, not a depth-first search for patterns. The paper's search, its inverse
- *   de Casteljau merges and its accumulated estimate are in paper.h.
+ *   de Casteljau merges and its accumulated estimate are lod_clod_search.
  * - Shape: new edges and centres are fitted by least squares to what they cover; corners' tangent planes are kept.
  * - Error: every patch knows which part of the source lies where in its domain, as triangles of source and domain that correspond one to
  *   one (overlay.c); the control points of the difference bound the distance of corresponding points, so the two-sided distance to the
@@ -49,6 +49,30 @@ LOD_WARN_UNUSED enum lod_status lod_clod_create_charts(const struct lod_mesh *me
  * units; INFINITY = any). May be called again with less patches or more error. LOD_MEMORY, LOD_CANCELLED. */
 LOD_WARN_UNUSED enum lod_status lod_clod_simplify(struct lod_clod *clod, uint32_t patches, double error,
                                                   const struct lod_progress *progress);
+
+/* One C-LOD in the paper's own way (6, 7): a depth-first search for patterns of patches, then their merges. A vertex of degree up to 6 may
+ * go over a pair of its edges that run on smoothly with 0, 2 or 3 faces on either side: two are a T; three are a 2T or a T-in-T where the
+ * vertices that these take with them may go as well, else a T after a swap of diagonals. A vertex of degree 3 is a star. Edges are merged
+ * by the inverse of de Casteljau's algorithm, centres too where there is such an inverse, else by lod_bezier_set_centre; nothing is fitted.
+ * The certificate is carried along as in lod_clod_simplify, and folds are refused; the paper's own estimate is told beside it. */
+struct lod_clod_search_settings {
+  double angle_degrees; /* by how much a pair of edges may turn; 20. The paper relaxes it from C-LOD to C-LOD */
+  double error;         /* merges that are certified to be off by more are not made; INFINITY = the paper, which does not ask */
+  uint32_t patches;     /* stop there */
+};
+struct lod_clod_search_settings lod_clod_search_defaults(void);
+
+struct lod_clod_search_facts {
+  uint32_t t, star, two_t, t_in_t; /* patterns found */
+  uint32_t swaps;                  /* diagonals swapped so that a T is left */
+  uint32_t removed, retained;      /* vertices, as tagged */
+  uint32_t refused;                /* of those removed: could not be merged as tagged, for folds, edges that exist or the error */
+  double estimate;                 /* the paper's (10), accumulated: largest distance of control points when patches are subdivided again,
+                                      corners counting more than centres. Not a bound, and blind to swaps */
+};
+/* LOD_MEMORY, LOD_CANCELLED. When facts->removed less refused is 0 the search is stuck at this angle. */
+LOD_WARN_UNUSED enum lod_status lod_clod_search(struct lod_clod *clod, const struct lod_clod_search_settings *settings,
+                                                const struct lod_progress *progress, struct lod_clod_search_facts *facts);
 
 /* Facts of now. error: bound of the two-sided distance to the source, model units. */
 struct lod_clod_facts {

@@ -183,11 +183,34 @@ static uint32_t side_name(struct clod_polygon *polygon, uint32_t i, uint32_t j) 
   return CLOD_RING + polygon->diagonal_count++;
 }
 
-static bool triangulate(const struct lod_clod *clod, struct clod_polygon *polygon) {
+/* An edge has to join ring vertices p and q, so that none may cross it. */
+static void force(const struct clod_polygon *polygon, uint32_t p, uint32_t q, bool allowed[CLOD_RING][CLOD_RING]) {
+  for (uint32_t i = 0; i < polygon->size; i++)
+    for (uint32_t k = 0; k < polygon->size; k++) {
+      bool i_in = i > p && i<q, k_in = k> p && k < q, i_out = i < p || i > q, k_out = k < p || k > q;
+      if ((i_in && k_out) || (i_out && k_in))
+        allowed[i][k] = false;
+    }
+}
+
+uint32_t clod_ring_number(const struct clod_polygon *polygon, uint32_t vertex) {
+  for (uint32_t i = 0; i < polygon->size; i++)
+    if (polygon->ring[i] == vertex)
+      return i;
+  return LOD_NONE;
+}
+
+static bool triangulate(const struct lod_clod *clod, struct clod_polygon *polygon, const uint32_t *pair) {
   bool allowed[CLOD_RING][CLOD_RING];
   double cost[CLOD_RING][CLOD_RING];
   uint8_t best[CLOD_RING][CLOD_RING];
   find_forbidden(clod, polygon, allowed);
+  if (pair != NULL) {
+    uint32_t p = clod_ring_number(polygon, pair[0]), q = clod_ring_number(polygon, pair[1]);
+    if (p == LOD_NONE || q == LOD_NONE || !allowed[p][q])
+      return false;
+    force(polygon, p < q ? p : q, p < q ? q : p, allowed);
+  }
   uint32_t n = polygon->size;
   for (uint32_t i = 0; i + 1 < n; i++)
     cost[i][i + 1] = 0;
@@ -269,7 +292,7 @@ static bool open_line(const struct lod_clod *clod, uint32_t v, struct clod_hole 
          hole->halves[1].ring[hole->halves[1].size - 1] == left->ring[0];
 }
 
-bool clod_hole_open(const struct lod_clod *clod, uint32_t v, struct clod_hole *hole) {
+bool clod_hole_open(const struct lod_clod *clod, uint32_t v, const uint32_t *pair, struct clod_hole *hole) {
   hole->vertex = v;
   if (clod->removable[v] == 1) {
     hole->half_count = 1;
@@ -279,7 +302,7 @@ bool clod_hole_open(const struct lod_clod *clod, uint32_t v, struct clod_hole *h
     return false;
   }
   for (uint32_t h = 0; h < hole->half_count; h++)
-    if (!lay_out(clod, v, &hole->halves[h]) || !triangulate(clod, &hole->halves[h]))
+    if (!lay_out(clod, v, &hole->halves[h]) || !triangulate(clod, &hole->halves[h], pair))
       return false;
   return true;
 }

@@ -40,7 +40,7 @@ struct clod_patch {
   uint32_t material, part;
   uint32_t node_count, cell_count;
   struct lod_vec3 centre;
-  double bound;
+  double bound, estimate;  /* certified; the paper's */
   struct clod_node *nodes; /* NULL once it died */
   struct clod_cell *cells;
 };
@@ -154,14 +154,38 @@ struct clod_hole {
   uint32_t line_edges[2]; /* edges of the line through the vertex: to ring 0 of halves[0], and to its last */
   double line_t;          /* parameter of the vertex on the new line, from ring 0 of halves[0] */
   struct lod_bezier nets[CLOD_HALVES][CLOD_RING];
-  double bounds[CLOD_HALVES][CLOD_RING];
+  double bounds[CLOD_HALVES][CLOD_RING], estimates[CLOD_HALVES][CLOD_RING];
   double bound;
-  bool local_used; /* points were made in the overlay */
+  bool paper;       /* merged by inverse subdivision */
+  uint32_t pair[2]; /* of the merge, vertices; LOD_NONE = none */
+  bool local_used;  /* points were made in the overlay */
   struct clod_local *local;
 };
 
-/* Fills the hole of removable vertex v: polygons and their triangles. False when no triangulation is allowed. */
-bool clod_hole_open(const struct lod_clod *clod, uint32_t v, struct clod_hole *hole);
+/* Fills the hole of removable vertex v: polygons and their triangles. pair: two ring vertices that an edge has to join (of a vertex inside
+ * a face), or NULL. False when no triangulation is allowed. */
+bool clod_hole_open(const struct lod_clod *clod, uint32_t v, const uint32_t *pair, struct clod_hole *hole);
+
+/* ---- simplify.c ---- */
+
+/* Allocates what removals need, once. */
+LOD_WARN_UNUSED enum lod_status clod_prepare(struct lod_clod *clod);
+/* clod->hole->bound: what removing v would leave; INFINITY when it may not be removed, or would leave more than `limit`. pair: as above,
+ * then edges and centres are merged by inverse subdivision; NULL: they are fitted. */
+LOD_WARN_UNUSED enum lod_status clod_try_removal(struct lod_clod *clod, uint32_t v, const uint32_t *pair, bool paper, double limit);
+/* Makes the removal that was tried, or gives it up. */
+LOD_WARN_UNUSED enum lod_status clod_commit(struct lod_clod *clod);
+LOD_WARN_UNUSED enum lod_status clod_give_up(struct lod_clod *clod);
+
+/* ---- search.c ---- */
+
+/* Edges and, where *centre is set, the centre of triangle i by inverse subdivision (paper's 4.2, 6.2). */
+void clod_inverse_diagonal(const struct lod_clod *clod, const struct clod_hole *hole, uint32_t h, uint32_t d, struct lod_vec3 inner[2]);
+void clod_inverse_centre(const struct lod_clod *clod, const struct clod_hole *hole, uint32_t h, uint32_t i, struct lod_bezier *net);
+/* The paper's estimate of triangle i, accumulated. */
+double clod_estimate(const struct lod_clod *clod, const struct clod_hole *hole, uint32_t h, uint32_t i);
+/* Ring number of a patch's old neighbour: polygon side names and the like. */
+uint32_t clod_ring_number(const struct clod_polygon *polygon, uint32_t vertex);
 
 /* ---- overlay.c ---- */
 

@@ -115,6 +115,10 @@ static enum lod_status fit_diagonals(struct lod_clod *clod, struct clod_hole *ho
     struct lod_vec3 *samples;
     uint32_t count;
     guess_diagonal(clod, hole, h, d, ends, inner);
+    if (hole->paper) {
+      clod_inverse_diagonal(clod, hole, h, d, inner);
+      continue;
+    }
     LOD_TRY(clod_local_sample(hole, h, d, &t, &samples, &count));
     struct lod_vec3 guess[2] = {inner[0], inner[1]};
     clod_fit_curve(ends, t, samples, count, clod->settings.curve_weight, inner);
@@ -163,6 +167,16 @@ static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, dou
       uint32_t node_count, cell_count;
       clod_local_patch(hole, h, i, &nodes, &node_count, &cells, &cell_count);
       gather_net(clod, &hole->halves[h], i, net);
+      if (hole->paper) {
+        clod_inverse_centre(clod, hole, h, i, net);
+        if (clod->settings.reparametrize)
+          clod_project_nodes(clod, net, nodes, node_count);
+        hole->estimates[h][i] = clod_estimate(clod, hole, h, i);
+        hole->bounds[h][i] = clod_patch_bound(clod, net, nodes, cells, cell_count, limit);
+        hole->bound = fmax(hole->bound, hole->bounds[h][i]);
+        continue;
+      }
+      hole->estimates[h][i] = 0;
       struct lod_vec3 guess = net->p[LOD_BEZIER_CENTRE];
       clod_fit_centre(clod, net, nodes, node_count, cells, cell_count);
       if (clod->settings.reparametrize) {
@@ -257,12 +271,14 @@ static bool makes_folds(const struct lod_clod *clod, const struct clod_hole *hol
   return after >= before;
 }
 
-/* hole->bound: what removing v would leave; INFINITY when it may not be removed, or would leave more than `limit`. */
-static enum lod_status try_removal(struct lod_clod *clod, uint32_t v, double limit) {
+enum lod_status clod_try_removal(struct lod_clod *clod, uint32_t v, const uint32_t *pair, bool paper, double limit) {
   struct clod_hole *hole = clod->hole;
   hole->bound = INFINITY;
+  hole->paper = paper;
+  for (int i = 0; i < 2; i++)
+    hole->pair[i] = pair == NULL ? LOD_NONE : pair[i];
   clod->tried++;
-  if (!clod_hole_open(clod, v, hole)) {
+  if (!clod_hole_open(clod, v, pair, hole)) {
     hole->local_used = false;
     return LOD_OK;
   }
@@ -328,7 +344,8 @@ static enum lod_status add_patch(struct lod_clod *clod, struct clod_hole *hole, 
                                .material = old->material,
                                .part = old->part,
                                .centre = hole->nets[h][i].p[LOD_BEZIER_CENTRE],
-                               .bound = hole->bounds[h][i]};
+                               .bound = hole->bounds[h][i],
+                               .estimate = hole->estimates[h][i]};
   struct clod_node *nodes;
   struct clod_cell *cells;
   clod_local_patch(hole, h, i, &nodes, &patch->node_count, &cells, &patch->cell_count);
@@ -356,7 +373,7 @@ static enum lod_status add_patch(struct lod_clod *clod, struct clod_hole *hole, 
   return LOD_OK;
 }
 
-static enum lod_status commit(struct lod_clod *clod) {
+enum lod_status clod_commit(struct lod_clod *clod) {
   struct clod_hole *hole = clod->hole;
   uint32_t numbers[CLOD_HALVES][CLOD_RING], outer[CLOD_HALVES][CLOD_RING];
   clod->number++;
@@ -377,6 +394,10 @@ static enum lod_status commit(struct lod_clod *clod) {
   clod->removable[hole->vertex] = 0;
   clod->living_vertices--;
   return clod_local_commit(clod, hole);
+}
+
+enum lod_status clod_give_up(struct lod_clod *clod) {
+  return clod->hole->local_used ? clod_local_abandon(clod, clod->hole) : LOD_OK;
 }
 
 /* ---- the loop ---- */
@@ -403,16 +424,26 @@ static double guess_key(const struct lod_clod *clod, uint32_t v) {
   return 0.1 * fabs(lod_vec3_dot(normal, lod_vec3_subtract(clod->positions[v], mean)));
 }
 
-static enum lod_status start(struct lod_clod *clod) {
-  clod->queue = LOD_NEW_ZERO(clod->arena, 1, struct clod_queue);
-  clod->hole = LOD_NEW_ZERO(clod->arena, 1, struct clod_hole);
-  if (clod->queue == NULL || clod->hole == NULL)
+enum lod_status clod_prepare(struct lod_clod *clod) {
+  if (clod->hole != NULL)
+    return LOD_OK;
+  struct clod_hole *hole = LOD_NEW_ZERO(clod->arena, 1, struct clod_hole);
+  clod->ring_place = LOD_NEW_ZERO(clod->arena, clod->vertex_count, uint8_t);
+  if (hole == NULL || clod->ring_place == NULL)
     return LOD_MEMORY;
-  LOD_TRY(clod_local_create(clod->arena, &clod->hole->local));
+  LOD_TRY(clod_local_create(clod->arena, &hole->local));
+  clod->hole = hole;
+  return LOD_OK;
+}
+
+static enum lod_status start(struct lod_clod *clod) {
+  LOD_TRY(clod_prepare(clod));
+  clod->queue = LOD_NEW_ZERO(clod->arena, 1, struct clod_queue);
+  if (clod->queue == NULL)
+    return LOD_MEMORY;
   clod->queue->heap = LOD_NEW(clod->arena, clod->vertex_count, struct entry);
   clod->queue->place = LOD_NEW(clod->arena, clod->vertex_count, uint32_t);
-  clod->ring_place = LOD_NEW_ZERO(clod->arena, clod->vertex_count, uint8_t);
-  if (clod->queue->heap == NULL || clod->queue->place == NULL || clod->ring_place == NULL)
+  if (clod->queue->heap == NULL || clod->queue->place == NULL)
     return LOD_MEMORY;
   memset(clod->queue->place, 0xff, clod->vertex_count * sizeof *clod->queue->place);
   for (uint32_t v = 0; v < clod->vertex_count; v++)
@@ -441,16 +472,15 @@ enum lod_status lod_clod_simplify(struct lod_clod *clod, uint32_t patches, doubl
       return LOD_CANCELLED;
     struct entry top = pop(queue);
     double next = queue->count > 0 ? queue->heap[0].key : INFINITY, enough = fmin(error, fmax(queue->reached, kEase * next));
-    LOD_TRY(try_removal(clod, top.vertex, INFINITY));
+    LOD_TRY(clod_try_removal(clod, top.vertex, NULL, false, INFINITY));
     double bound = clod->hole->bound;
     if (isfinite(bound) && bound <= enough) {
       queue->reached = fmax(queue->reached, bound);
-      LOD_TRY(commit(clod));
+      LOD_TRY(clod_commit(clod));
       requeue_ring(clod, bound);
       continue;
     }
-    if (clod->hole->local_used)
-      LOD_TRY(clod_local_abandon(clod, clod->hole));
+    LOD_TRY(clod_give_up(clod));
     if (isfinite(bound))
       push(queue, top.vertex, bound);
   }

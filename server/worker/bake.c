@@ -190,6 +190,7 @@ static enum lod_status clod_settings(const struct lod_bake_request *request, dou
     return LOD_MEMORY;
   *settings = curved;
   curved->errors = errors;
+  curved->search = request->patches_search;
   if (request->patches_count != 0) {
     curved->patches = request->patches;
     curved->patch_count = request->patches_count;

@@ -34,7 +34,8 @@ struct lod_bake_request {
   uint32_t retile_option_count;
   uint32_t patches[LOD_BAKE_MAX_LIST]; /* patches of each level of the family clod; none = its ladder of errors */
   uint32_t patches_count;
-  const char *edges; /* text of edges that `envelope` keeps (edges.h), edges_size bytes, from file edges_name; or NULL */
+  bool patches_search; /* clod by the paper's search for patterns (lod_clod_search) instead of by least certified error */
+  const char *edges;   /* text of edges that `envelope` keeps (edges.h), edges_size bytes, from file edges_name; or NULL */
   size_t edges_size;
   const char *edges_name;
   uint32_t threads;          /* as lod_parallel_for */

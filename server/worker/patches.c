@@ -28,6 +28,7 @@ struct run {
   struct lod_clod **splines;  /* from the unit's charts, or NULL */
   struct lod_clod **polygons; /* from its triangles; made when first needed */
   struct lod_arena *arena;
+  bool search;
   uint32_t *most; /* patches of each unit before anything was merged */
   double least;   /* error below which nothing is coded more finely, model units */
   const struct lod_progress *progress;
@@ -124,12 +125,29 @@ static enum lod_status choose_model(const struct run *run, uint32_t u, double er
   return LOD_OK;
 }
 
+/* C-LOD after C-LOD of the paper's search, until it is stuck with edges that turn by a right angle. */
+static enum lod_status search_patterns(struct lod_clod *clod, uint32_t wanted, double error, const struct lod_progress *progress) {
+  struct lod_clod_search_settings settings = lod_clod_search_defaults();
+  settings.patches = wanted;
+  settings.error = error;
+  struct lod_clod_facts facts;
+  for (lod_clod_facts(clod, &facts); facts.patches > wanted && settings.angle_degrees < 90; lod_clod_facts(clod, &facts)) {
+    struct lod_clod_search_facts found;
+    LOD_TRY(lod_clod_search(clod, &settings, progress, &found));
+    if (found.removed - found.refused <= facts.vertices / 100)
+      settings.angle_degrees *= 1.3;
+  }
+  return LOD_OK;
+}
+
 /* Every unit down to its share of `patches` of `all`, or as far as `error` allows. */
 static enum lod_status simplify(const struct run *run, double share, double error) {
   for (uint32_t u = 0; u < run->unit_count; u++) {
     LOD_TRY(choose_model(run, u, error / run->units[u].scale));
     uint32_t wanted = (uint32_t)fmax(0, floor(share * run->most[u] + 0.5));
-    LOD_TRY(lod_clod_simplify(run->clods[u], wanted, error / run->units[u].scale, run->progress));
+    double own = error / run->units[u].scale;
+    LOD_TRY(run->search ? search_patterns(run->clods[u], wanted, own, run->progress)
+                        : lod_clod_simplify(run->clods[u], wanted, own, run->progress));
   }
   return LOD_OK;
 }
@@ -175,7 +193,11 @@ static enum lod_status run_levels(const struct run *run, const struct lod_curved
 static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, const void *settings, const struct lod_progress *progress,
                              struct lod_arena *arena, lod_level_sink *sink, void *sink_context, struct lod_problem *problem) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
-  struct run run = {.units = units, .unit_count = unit_count, .progress = progress, .problem = problem};
+  struct run run = {.units = units,
+                    .unit_count = unit_count,
+                    .progress = progress,
+                    .problem = problem,
+                    .search = ((const struct lod_curved_settings *)settings)->search};
   struct lod_clod **lists = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, 3 * (size_t)unit_count, struct lod_clod *);
   run.most = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, unit_count, uint32_t);
   enum lod_status status = lists == NULL || run.most == NULL ? LOD_MEMORY : LOD_OK;

@@ -9,6 +9,7 @@ struct lod_curved_settings {
   uint32_t patch_count;    /* of `patches` */
   const double *errors;    /* model units, finest first: what each level may be off, coding and tessellation included */
   uint32_t error_count;
+  bool search; /* by lod_clod_search, its angle relaxed where it is stuck */
 };
 
 /* Shares of the diagonal of the default ladder, finest first; *count of them. */

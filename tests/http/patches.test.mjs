@@ -48,6 +48,18 @@ test('levels have the patches that were asked for, coarsest first, in fewer byte
   assert.ok(a.bytes < b.bytes && b.bytes < c.bytes && a.error > b.error && b.error > c.error);
 });
 
+test('patterns found as the paper does are certified as well', async () => {
+  const { status, stderr } = await lodestream('bake', 'ball.ply', '-o', 'patterns', '--family', 'clod', '--patches', '400,150', '--patterns');
+  assert.equal(status, 0, stderr);
+  const levels = JSON.parse(fs.readFileSync(at('patterns', 'manifest.json'))).families.clod.levels.filter((level) => level.patches);
+  assert.equal(levels.length, 2);
+  for (const { patches } of levels) {
+    await lodestream('decode', at('patterns', 'objects', patches.object), '-o', 'patterns.ply');
+    const facts = JSON.parse((await lodestream('measure', 'ball.ply', 'patterns.ply', '--json')).stdout);
+    assert.ok(patches.patches <= 420 && facts.lower <= patches.error, `${facts.lower} > ${patches.error}`);
+  }
+});
+
 test('what patches decode to is within the error that the manifest certifies', async () => {
   for (const { patches } of curved()) {
     const decoded = await lodestream('decode', at('ball', 'objects', patches.object), '-o', 'patches.ply');

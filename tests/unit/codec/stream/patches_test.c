@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "codec/stream/bytes.h"
 #include "core/clod/clod.h"
 #include "core/clod/tessellate.h"
 #include "core/mesh/topology.h"
@@ -186,6 +187,68 @@ static void what_is_cut_or_damaged_is_refused(void **state) {
   assert_int_equal(lod_patches_decode(bytes, size, 5, arena, &header, &out, NULL), LOD_LIMIT);
 }
 
+static void assert_bytes(const uint8_t *bytes, size_t size, size_t expected_size, uint32_t crc) {
+  if (size != expected_size || lod_crc32(bytes, size) != crc)
+    fail_msg("%zu bytes with CRC-32 0x%08x, expected %zu with 0x%08x", size, lod_crc32(bytes, size), expected_size, crc);
+}
+
+/* What version 1 is, to the byte: a change here needs a new version. And to the bit what decoding makes of it. */
+static void the_bytes_of_version_1_are_these(void **state) {
+  (void)state;
+  struct lod_mesh shapes[3] = {lod_shape_torus(arena, 1, 0.4, 20, 10), lod_shape_grid(arena, 2, 8, 0.3), lod_shape_cube(arena, 1)};
+  static const struct {
+    uint32_t size, crc, decoded;
+  } kExpected[3] = {{778, 0x2aea1f7a, 0xd11b246f}, {299, 0x784bf8ef, 0xc30c90e7}, {62, 0xec627063, 0x78b68809}};
+  for (int i = 0; i < 3; i++) {
+    struct lod_patches patches = clod_of(&shapes[i], UINT32_MAX);
+    uint8_t *bytes;
+    size_t size;
+    encode(&patches, 0.01, &bytes, &size);
+    assert_bytes(bytes, size, kExpected[i].size, kExpected[i].crc);
+    struct lod_patches back = decode(bytes, size);
+    uint32_t crc = lod_crc32((const uint8_t *)back.positions, back.vertex_count * sizeof *back.positions);
+    crc ^= 3 * lod_crc32((const uint8_t *)back.inner, back.edge_count * sizeof *back.inner);
+    crc ^= 5 * lod_crc32((const uint8_t *)back.centres, back.patch_count * sizeof *back.centres);
+    crc ^= 7 * lod_crc32((const uint8_t *)back.normals, back.normal_count * sizeof *back.normals);
+    assert_int_equal(crc, kExpected[i].decoded);
+  }
+}
+
+/* The example of codec/FORMAT.md, 7.3: one patch with the corners 0 0 0, 1 0 0, 0 1 0 and a raised centre. */
+static void the_example_of_the_format_is_what_it_says(void **state) {
+  (void)state;
+  struct lod_vec3 positions[3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, centre = {1.0 / 3, 1.0 / 3, 0.25}, inner[3][2];
+  uint32_t corners[1][3] = {{0, 1, 2}}, edges[1][3] = {{0, 2, 4}}, sectors[1][3] = {{LOD_NONE, LOD_NONE, LOD_NONE}},
+           ends[3][2] = {{0, 1}, {1, 2}, {2, 0}}, partners[1][3] = {{LOD_NONE, LOD_NONE, LOD_NONE}};
+  bool sharp[3] = {true, true, true};
+  for (int e = 0; e < 3; e++)
+    for (int k = 0; k < 2; k++) {
+      struct lod_vec3 near = positions[ends[e][k]], far = positions[ends[e][1 - k]];
+      inner[e][k] = lod_vec3_add_scaled(near, lod_vec3_subtract(far, near), 1.0 / 3);
+    }
+  struct lod_patches one = {.vertex_count = 3,
+                            .edge_count = 3,
+                            .patch_count = 1,
+                            .positions = positions,
+                            .corners = corners,
+                            .edges = edges,
+                            .sectors = sectors,
+                            .ends = ends,
+                            .inner = inner,
+                            .sharp = sharp,
+                            .centres = &centre,
+                            .partners = partners};
+  struct lod_patches_encode_request request = {.patches = &one, .unit = 0, .unit_count = 1, .step = 0.0625, .error = 0.5};
+  static const uint8_t kBytes[] = {0x4c, 0x4f, 0x44, 0x50, 0x01, 0x00, 0x01, 0x03, 0x01, 0x01, 0x00, 0x00, 0x00, 0x00,
+                                   0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x80, 0x3d, 0x00, 0x00,
+                                   0x00, 0x3f, 0x06, 0x89, 0x7c, 0xc9, 0xf0, 0xf8, 0x15, 0x3d, 0x89, 0xa0, 0xb3};
+  uint8_t *bytes;
+  size_t size;
+  assert_int_equal(lod_patches_encode(&request, arena, &bytes, &size, NULL), LOD_OK);
+  assert_int_equal(size, sizeof kBytes);
+  assert_memory_equal(bytes, kBytes, sizeof kBytes);
+}
+
 static void nothing_is_coded_too(void **state) {
   (void)state;
   struct lod_patches nothing = {0};
@@ -202,6 +265,8 @@ int main(void) {
       cmocka_unit_test(materials_and_parts_come_back),
       cmocka_unit_test(the_same_patches_give_the_same_bytes),
       cmocka_unit_test(what_is_cut_or_damaged_is_refused),
+      cmocka_unit_test(the_bytes_of_version_1_are_these),
+      cmocka_unit_test(the_example_of_the_format_is_what_it_says),
       cmocka_unit_test(nothing_is_coded_too),
   };
   return cmocka_run_group_tests(tests, open_arena, close_arena);

@@ -1,17 +1,17 @@
 /* C-LODs of meshes that one can draw.
  *
  * The checklist of the paper (shared algorithms.md, 1.3), where each line is shown:
- * P3-1 polygons here; tensor and triangular patches, rational too: codec/import/spline_test. They come in as their tessellation, not as
- * splines. P3-2 every_triangle_becomes_a_patch; curvature and size per patch are not stored: order is by certified error. P3-3, P3-5
- * bezier_test (splits, merges). P3-4 coplanarity at corners is kept by fit.c; affine pairs are not enforced; the gap is measured. P3-6,
- * P3-7 every_triangle_becomes_a_patch, a_cube_keeps_its_twelve_edges. P3-8, P3-9 bezier_test (refined centre). P3-10 not built: a tensor
- * patch becomes triangles within a bound instead of two cubics; both diagonals of 1.6 with it. P3-11 to P3-18, P3-20, P3-22 the paper's
- * search for patterns, its tags, logs, swaps and accumulated estimate are not built as modes. What they do is done by removing a vertex and
- * all patches around it at once (clod.h); star and T merges themselves: bezier_test. P3-12 (T-in-T guard, closed loops)
- * a_tetrahedron_does_not_close_up, a_pillow_of_two_patches_is_left_alone. P3-19 all_levels_live_in_one_structure. P3-21 (i) here; (ii),
- * (iii) tessellate_test. P3-23 static tessellation: tessellate_test. Dynamic tessellation, back-patch and frustum culling are not built.
- * P3-24, P3-25 tests/bench/clod_bench prints bytes and rows. P3-26 swaps are part of a removal, which is certified as a whole.
- * P3-27 bounded error: the_bound_holds_at_every_stage. Strict G1, change of topology, parallel merging within a unit: not built. */
+ * P3-1 polygons here; tensor and triangular patches of degrees 1 to 9, rational too: codec/import/spline_test; n-sided patches are not
+ * read. P3-2 every_triangle_becomes_a_patch; curvature and size are taken when asked for (order by size: search.c), not stored. P3-3, P3-5
+ * bezier_test (splits, merges), the_papers_merges_undo_splits. P3-4 coplanarity at corners is kept by fit.c; edge continuity decides in
+ * search.c; affine pairs: dynamic_test (strict patches). P3-6, P3-7 every_triangle_becomes_a_patch, a_cube_keeps_its_twelve_edges. P3-8,
+ * P3-9 bezier_test (refined centre). P3-10 spline_test, charts_say_where_triangles_lie_on_their_patches. P3-11 to P3-18, P3-22
+ * the_papers_search_finds_all_its_patterns (3T is argued away by the paper; of swaps the estimate is blind). P3-19
+ * all_levels_live_in_one_structure. P3-20 the angle is relaxed; several swaps at once and moving control points towards planes are not
+ * built: lod_clod_simplify has no use for them. P3-21 (i) here; (ii), (iii) tessellate_test. P3-23 dynamic_test, tessellate_test, web
+ * patches.test. P3-24, P3-25 tests/bench/clod_bench prints bytes and rows. P3-26 swaps are certified with the removal they belong to;
+ * merging_makes_no_folds. P3-27 bounded error: the_bound_holds_at_every_stage; strict G1: dynamic_test. Change of topology and parallel
+ * merging within a unit: not built. */
 #include "core/clod/clod.h"
 
 #include <math.h>
@@ -323,6 +323,59 @@ static void merging_makes_no_folds(void **state) {
   }
 }
 
+/* P3-11 to P3-18, P3-20, P3-22: the paper's own search, C-LOD after C-LOD, its angle relaxed as it sticks. */
+static void the_papers_search_finds_all_its_patterns(void **state) {
+  (void)state;
+  struct lod_mesh torus = lod_shape_torus(arena, 1, 0.4, 60, 30), tube = lod_shape_tube(arena, 0.5, 3, 24, 12);
+  struct lod_mesh sphere = lod_shape_sphere(arena, 1, 4);
+  const struct lod_mesh *const shapes[3] = {&torus, &tube, &sphere};
+  struct lod_clod_search_facts sum = {0};
+  for (int i = 0; i < 3; i++) {
+    struct lod_clod *clod = model_of(shapes[i]);
+    struct lod_clod_facts facts;
+    struct lod_clod_search_settings settings = lod_clod_search_defaults();
+    lod_clod_facts(clod, &facts);
+    uint32_t before = facts.patches, rounds = 0;
+    double estimate = 0;
+    for (; rounds < 40 && facts.patches > 40; rounds++) {
+      struct lod_clod_search_facts found;
+      uint32_t patches = facts.patches, vertices = facts.vertices;
+      assert_int_equal(lod_clod_search(clod, &settings, NULL, &found), LOD_OK);
+      assert_true(lod_clod_check(clod));
+      lod_clod_facts(clod, &facts);
+      /* A vertex inside takes two patches with it, one on a border of one side one. */
+      assert_true(patches - facts.patches <= 2 * (found.removed - found.refused));
+      assert_int_equal(vertices - facts.vertices, found.removed - found.refused);
+      assert_true(found.estimate >= estimate || found.removed == found.refused || facts.patches < patches);
+      estimate = found.estimate;
+      sum.t += found.t, sum.star += found.star, sum.two_t += found.two_t, sum.t_in_t += found.t_in_t, sum.swaps += found.swaps;
+      sum.removed += found.removed, sum.refused += found.refused;
+      if (found.removed - found.refused < 4)
+        settings.angle_degrees *= 1.3;
+    }
+    print_message("%u patches to %u in %u C-LODs; certified %.4f, estimate %.4f\n", before, facts.patches, rounds, facts.error, estimate);
+    assert_true(facts.patches < before / 8);
+    assert_true(estimate > 0);
+    assert_bound_holds(shapes[i], clod);
+  }
+  print_message("T %u, star %u, 2T %u, T-in-T %u, swaps %u; %u removed, %u refused\n", sum.t, sum.star, sum.two_t, sum.t_in_t, sum.swaps,
+                sum.removed, sum.refused);
+  assert_true(sum.t > 0 && sum.star > 0 && sum.two_t > 0 && sum.t_in_t > 0 && sum.swaps > 0);
+}
+
+/* What one cubic was split into is put together again, to the last digits: T and star are the inverse of de Casteljau's algorithm. */
+static void the_papers_merges_undo_splits(void **state) {
+  (void)state;
+  struct lod_mesh grid = lod_shape_grid(arena, 2, 2, 0);
+  struct lod_clod *clod = model_of(&grid);
+  struct lod_clod_search_settings settings = lod_clod_search_defaults();
+  struct lod_clod_search_facts found;
+  assert_int_equal(lod_clod_search(clod, &settings, NULL, &found), LOD_OK);
+  struct lod_clod_facts facts;
+  lod_clod_facts(clod, &facts);
+  assert_true(found.removed - found.refused > 0 && facts.error < 1e-6 && found.estimate < 1e-6);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(every_triangle_becomes_a_patch_that_meets_its_corners),
@@ -334,6 +387,8 @@ int main(void) {
       cmocka_unit_test(all_levels_live_in_one_structure),
       cmocka_unit_test(the_same_input_gives_the_same_bits),
       cmocka_unit_test(merging_makes_no_folds),
+      cmocka_unit_test(the_papers_search_finds_all_its_patterns),
+      cmocka_unit_test(the_papers_merges_undo_splits),
       cmocka_unit_test(a_pillow_of_two_patches_is_left_alone),
       cmocka_unit_test(a_tetrahedron_does_not_close_up),
       cmocka_unit_test(damaged_meshes_are_taken_as_they_are),
