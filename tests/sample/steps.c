@@ -1,7 +1,8 @@
 /* Writes nested levels as deltas into a folder, with the hashes that decoding them and laying them over one another give natively:
  *
  *   steps DIR     DIR/NAME-K.delta (frame K; 0 is the first picture) and, on standard output, a line of JSON for each: {"file", "level",
- *                 "map", "vertices", "triangles"}
+ *                 "map", "vertices", "triangles"}; where the step has units, DIR/NAME-K.units, with "units": {"count", "half", "drawn",
+ * "all"}: of the first half of them what they are together and what is drawn of it, and of all
  *
  * Levels come from generators, and from the shared models where they are. tests/web/wasm.test.mjs does the same in WebAssembly. */
 #include <math.h>
@@ -45,6 +46,48 @@ static void write_file(const char *folder, const char *name, uint32_t number, co
   must(file != NULL && fwrite(bytes, 1, size, file) == size && fclose(file) == 0, path);
 }
 
+enum { PATCH = 200 };
+
+/* Decodes units `from` to `to` - 1 as they stand in the stream. */
+static void take_units(struct units *u, const uint8_t *bytes, uint32_t from, uint32_t to) {
+  for (uint32_t p = from; p < to; p++) {
+    const struct lod_units_patch *patch = &u->units.patches[p];
+    must(patch->size == 0 || lodw_units_decode(u, p, bytes + patch->offset, patch->size) != 0, "units");
+  }
+}
+
+static void run_units(const char *folder, const char *name, uint32_t k, const struct lod_delta_encode_request *request,
+                      const struct level *base, struct lod_arena *arena) {
+  char file[300];
+  uint8_t *bytes;
+  size_t size;
+  must(lod_units_encode(request, PATCH, arena, &bytes, &size, &problem) == LOD_OK, name);
+  if (size == 0)
+    return;
+  snprintf(file, sizeof file, "%.200s-units", name);
+  write_file(folder, file, k, bytes, size);
+  struct units *u = lodw_units_open(bytes, size, base);
+  must(u != NULL, name);
+  const uint32_t count = u->units.header.patch_count;
+  take_units(u, bytes, 0, count / 2);
+  struct level *half = lodw_units_join(u);
+  must(half != NULL, name);
+  const uint32_t *words = lodw_units_draw(u, base, half, 0, NULL, NULL);
+  must(words != NULL, name);
+  uint32_t drawn = mix(0x811c9dc5u, u->morph.start, 3 * (size_t)u->morph.vertex_count);
+  drawn = mix(drawn, u->morph.end, 3 * (size_t)u->morph.vertex_count);
+  drawn = mix(drawn, u->morph.triangles, 3 * (size_t)u->morph.triangle_count);
+  const uint32_t hash = lodw_level_hash(half);
+  take_units(u, bytes, count / 2, count);
+  struct level *all = lodw_units_join(u);
+  must(all != NULL, name);
+  printf(",\"units\":{\"file\":\"%s-%u.delta\",\"count\":%u,\"half\":%u,\"drawn\":%u,\"all\":%u}", file, k, count, hash, drawn,
+         lodw_level_hash(all));
+  lodw_level_free(all);
+  lodw_level_free(half);
+  lodw_units_free(u);
+}
+
 static void run(const char *folder, const char *name, const struct lod_mesh *mesh, const uint32_t *counts, uint32_t count) {
   struct lod_arena *arena = lod_arena_create(0);
   struct lod_retile_settings settings = lod_retile_defaults();
@@ -79,9 +122,12 @@ static void run(const char *folder, const char *name, const struct lod_mesh *mes
     must(level != NULL, name);
     struct map *map = before == NULL ? NULL : lodw_map_create(before, level, 0);
     must(before == NULL || map != NULL, name);
-    printf("{\"file\":\"%s-%u.delta\",\"first\":%s,\"level\":%u,\"map\":%u,\"vertices\":%u,\"triangles\":%u,\"failed\":%u}\n", name, k,
+    printf("{\"file\":\"%s-%u.delta\",\"first\":%s,\"level\":%u,\"map\":%u,\"vertices\":%u,\"triangles\":%u,\"failed\":%u", name, k,
            k == 0 ? "true" : "false", lodw_level_hash(level), map == NULL ? 0 : lodw_map_hash(map), level->mesh.vertex_count,
            level->mesh.triangle_count, map == NULL ? 0 : map->overlay.failed);
+    if (before != NULL)
+      run_units(folder, name, k, &request, before, arena);
+    printf("}\n");
     lodw_map_free(map);
     order = LOD_NEW(arena, fine->vertex_count, uint32_t);
     must(lod_overlay_match(fine, &level->mesh, (double)request.grid.step / 4, arena, order) == LOD_OK, name);

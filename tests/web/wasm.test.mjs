@@ -40,6 +40,42 @@ test('decoded deltas and maps have the hashes that native code gives', async () 
   base.free();
 });
 
+/** FNV-1a over the bytes of arrays, as module.c's. */
+function hashOf(...arrays) {
+  let hash = 0x811c9dc5;
+  for (const array of arrays) for (const byte of new Uint8Array(array.buffer, array.byteOffset, array.byteLength)) hash = Math.imul(hash ^ byte, 0x01000193);
+  return hash >>> 0;
+}
+
+test('units, and what is drawn of half of them, have the hashes that native code gives', async () => {
+  const core = await Core.create(BYTES);
+  let base = null;
+  let seen = 0;
+  for (const step of steps) {
+    if (step.first) base = null;
+    if (step.units) {
+      const bytes = readFileSync(path.join(folder, step.units.file));
+      const units = core.units(bytes, base);
+      const { patches } = units.facts();
+      assert.equal(patches.length, step.units.count);
+      const take = (from, to) => patches.slice(from, to).forEach(({ offset, bytes: size }, p) => size && units.decode(from + p, bytes.subarray(offset, offset + size)));
+      take(0, Math.floor(patches.length / 2));
+      const half = units.join();
+      assert.equal(half.hash, step.units.half, step.file);
+      const drawn = units.draw(half);
+      assert.equal(hashOf(drawn.start, drawn.end, drawn.triangles), step.units.drawn, step.file);
+      assert.throws(() => units.decode(patches.length - 1, bytes.subarray(0, 40)), CoreError);
+      take(Math.floor(patches.length / 2), patches.length);
+      const all = units.join();
+      assert.equal(all.hash, step.units.all, step.file);
+      for (const each of [all, half, units]) each.free();
+      seen++;
+    }
+    base = core.decode(read(step), base);
+  }
+  assert.ok(seen >= 3);
+});
+
 test('memory is given back: decoding everything a second time needs no more', async () => {
   const core = await Core.create(BYTES);
   const all = () => {
