@@ -1,14 +1,15 @@
 /* Deltas beside Draco: bits by part, all levels of a nested hierarchy against the finest one alone and against separate levels, the first
  * picture, bytes until an error is met, speed (CPU time) and memory. Draco is at speed 0 on the same grids.
  *
- *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan] [-b BITS] [-r RATIO] [-f SHARE] [-v] [-e] [-u TRIANGLES] [PLY...]"
+ *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan|envelope] [-b BITS] [-r RATIO] [-f SHARE] [-v] [-e] [-u TRIANGLES] [PLY...]"
  *
  * retile (default): the finest level is re-tiled with SHARE (0.25) of the source's vertices; collapse: the finest is simplified to SHARE of
  * the source's triangles by meshopt_simplify, whose vertices are the source's, and so are all others; scan: the same with the source itself
- * as finest level. Each level has 1 / RATIO (4) of the vertices of the next. The finest is quantised with BITS (12) along the longest side,
- * coarser ones as much more coarsely as they have fewer vertices, up to 16 times. -v: a line a level. -e: bytes until certified errors are
- * met, ours beside the best of Draco of meshopt_simplify bisected to that error, which takes minutes a model. -u: steps in units too, of at
- * most TRIANGLES of the coarser level each; bytes of all of them over the whole step's, for steps that have at least two. */
+ * as finest level; envelope: certified collapse to source vertices, 0.1 % of the diagonal the finest error, each coarser one 2.5 times
+ * that. Each level (but envelope's) has 1 / RATIO (4) of the vertices of the next. The finest is quantised with BITS (12) along the longest
+ * side, coarser ones as much more coarsely as they have fewer vertices, up to 16 times. -v: a line a level. -e: bytes until certified
+ * errors are met, ours beside the best of Draco of meshopt_simplify bisected to that error, which takes minutes a model. -u: steps in units
+ * too, of at most TRIANGLES of the coarser level each; bytes of all of them over the whole step's, for steps that have at least two. */
 #include <dirent.h>
 #include <math.h>
 #include <meshoptimizer.h>
@@ -20,6 +21,7 @@
 #include "codec/export/draco.h"
 #include "codec/stream/delta.h"
 #include "codec/stream/units.h"
+#include "core/envelope/envelope.h"
 #include "core/mesh/distance.h"
 #include "core/retile/retile.h"
 #include "tests/data/nested.h"
@@ -126,6 +128,49 @@ static void make_retiled(const struct lod_mesh *source, const struct options *o,
                                          .positions = mesh->positions,
                                          .triangles = mesh->triangles};
     chain->parents[k] = retile.levels[k].parents;
+  }
+}
+
+struct catcher {
+  struct chain finest_first;
+  struct lod_arena *arena;
+};
+
+static enum lod_status catch_level(void *context, const struct lod_level *level) {
+  struct catcher *c = context;
+  struct chain *chain = &c->finest_first;
+  const struct lod_mesh *mesh = &level->meshes[0];
+  if (chain->count == MOST_LEVELS)
+    return LOD_OK;
+  struct lod_mesh bare = {.vertex_count = mesh->vertex_count, .triangle_count = mesh->triangle_count};
+  bare.positions = lod_arena_copy(c->arena, mesh->positions, mesh->vertex_count * sizeof *mesh->positions);
+  bare.triangles = lod_arena_copy(c->arena, mesh->triangles, mesh->triangle_count * sizeof *mesh->triangles);
+  must(bare.positions != NULL && bare.triangles != NULL && (chain->count == 0 || level->parents != NULL), "envelope levels are not nested");
+  if (chain->count > 0)
+    chain->parents[chain->count] = lod_arena_copy(c->arena, level->parents[0], mesh->vertex_count * sizeof(uint32_t));
+  chain->meshes[chain->count++] = bare;
+  return LOD_OK;
+}
+
+static void make_envelope(const struct lod_mesh *source, struct lod_arena *arena, struct chain *chain) {
+  struct lod_envelope_settings settings = lod_envelope_defaults();
+  struct lod_bounds bounds = lod_mesh_bounds(source);
+  struct lod_unit unit = {.mesh = *source, .scale = 1};
+  struct catcher c = {.arena = arena};
+  double epsilons[6] = {0.001 * lod_bounds_diagonal(&bounds)};
+  for (int i = 1; i < 6; i++)
+    epsilons[i] = 2.5 * epsilons[i - 1];
+  settings.epsilons = epsilons;
+  settings.epsilon_count = 6;
+  settings.collapse.vertex_subset = true;
+  settings.threads = 1;
+  must(lod_envelope_family.build(&unit, 1, &settings, NULL, arena, catch_level, &c, NULL) == LOD_OK, "the envelope family failed");
+  while (c.finest_first.count > 1 && c.finest_first.meshes[c.finest_first.count - 1].vertex_count < LEAST_VERTICES / 2)
+    c.finest_first.count--;
+  chain->count = c.finest_first.count;
+  for (uint32_t k = 0; k < chain->count; k++) {
+    chain->meshes[k] = c.finest_first.meshes[chain->count - 1 - k];
+    chain->parents[k] = c.finest_first.parents[chain->count - 1 - k];
   }
 }
 
@@ -363,6 +408,8 @@ static void bench(const char *path, const struct options *o, struct totals *t) {
     side = fmax(side, bounds.max[i] - bounds.min[i]);
   if (strcmp(o->mode, "retile") == 0)
     make_retiled(&source, o, arena, &chain);
+  else if (strcmp(o->mode, "envelope") == 0)
+    make_envelope(&source, arena, &chain);
   else
     make_collapsed(&source, o, arena, &chain);
   for (uint32_t k = 0; k < chain.count; k++) {
