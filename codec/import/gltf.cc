@@ -111,6 +111,8 @@ void fill_attribute(lod_gltf_primitive *out, const std::string &name, int access
     out->color = accessor;
   else if (name == "_DOI")
     out->interest = accessor;
+  else if (name == "_EPSILON")
+    out->epsilon = accessor;
   else if (uv == 0 || uv == 1)
     out->uv[uv] = accessor;
   else if (joints >= 0 && joints < LOD_GLTF_SKIN_SETS)
@@ -124,7 +126,7 @@ void fill_attribute(lod_gltf_primitive *out, const std::string &name, int access
 }
 
 void fill_primitive(lod_gltf_primitive *out, const tinygltf::Primitive &in) {
-  *out = lod_gltf_primitive{in.mode, in.material, in.indices, -1, -1, {-1, -1}, -1, -1, {-1, -1, -1, -1}, {-1, -1, -1, -1}, false, false};
+  *out = lod_gltf_primitive{in.mode, in.material, in.indices, -1, -1, {-1, -1}, -1, -1, -1, {-1, -1, -1, -1}, {-1, -1, -1, -1}, false, false};
   for (const auto &attribute : in.attributes)
     fill_attribute(out, attribute.first, attribute.second);
 }

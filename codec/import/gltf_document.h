@@ -67,7 +67,7 @@ LOD_WARN_UNUSED enum lod_status lod_gltf_material(struct lod_gltf_document *docu
 
 /* --- gltf_mesh.c --- */
 
-enum { LOD_GLTF_GROUPS = 16 }; /* sets of attributes: normal, uv 0, uv 1, colour */
+enum { LOD_GLTF_GROUPS = 32 }; /* sets of attributes: normal, uv 0, uv 1, colour, epsilon */
 
 /* A mesh of the file as one lod_mesh for each set of attributes that its primitives have. */
 struct lod_gltf_pieces {

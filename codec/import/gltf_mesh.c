@@ -175,6 +175,8 @@ static enum lod_status read_attributes(struct source *source, struct decoded *ou
     LOD_TRY(read_attribute(source, set ? "TEXCOORD_1" : "TEXCOORD_0", primitive->uv[set], 2, false, mesh->vertex_count, &values));
     mesh->uvs[set] = (float(*)[2])(void *)values;
   }
+  if (primitive->epsilon >= 0)
+    LOD_TRY(read_attribute(source, "_EPSILON", primitive->epsilon, 1, false, mesh->vertex_count, &mesh->limits));
   if (primitive->color >= 0)
     LOD_TRY(read_colors(source, mesh));
   return primitive->interest >= 0 ? read_interest(source, mesh) : LOD_OK;
@@ -387,12 +389,12 @@ static enum lod_status read_elements(struct source *source, struct decoded *out)
 
 static uint32_t group_of(const struct lod_gltf_primitive *primitive) {
   return (uint32_t)(primitive->normal >= 0) | (uint32_t)(primitive->uv[0] >= 0) << 1 | (uint32_t)(primitive->uv[1] >= 0) << 2 |
-         (uint32_t)(primitive->color >= 0 || primitive->interest >= 0) << 3;
+         (uint32_t)(primitive->color >= 0 || primitive->interest >= 0) << 3 | (uint32_t)(primitive->epsilon >= 0) << 4;
 }
 
 static bool same_vertices(const struct lod_gltf_primitive *a, const struct lod_gltf_primitive *b) {
   return a->position == b->position && a->normal == b->normal && memcmp(a->uv, b->uv, sizeof a->uv) == 0 && a->color == b->color &&
-         a->interest == b->interest && memcmp(a->joints, b->joints, sizeof a->joints) == 0 &&
+         a->interest == b->interest && a->epsilon == b->epsilon && memcmp(a->joints, b->joints, sizeof a->joints) == 0 &&
          memcmp(a->weights, b->weights, sizeof a->weights) == 0;
 }
 
@@ -403,7 +405,7 @@ static void warn_dropped(struct source *source) {
   if (source->primitive->has_tangent)
     lod_scene_warn(scene, "Tangents were dropped; viewers compute them from normals and texture coordinates.");
   if (source->primitive->has_other)
-    lod_scene_warn(scene, "Vertex attributes other than POSITION, NORMAL, TEXCOORD_0, TEXCOORD_1, COLOR_0 and _DOI were dropped.");
+    lod_scene_warn(scene, "Vertex attributes other than POSITION, NORMAL, TEXCOORD_0, TEXCOORD_1, COLOR_0, _DOI and _EPSILON were dropped.");
   if (json_array_size(json_object_get(primitive, "targets")) > 0)
     lod_scene_warn(scene, "Morph targets were dropped; the model is in its rest pose.");
 }
@@ -447,6 +449,7 @@ static void append(struct lod_mesh *mesh, struct decoded *from) {
   if (!from->shares_vertices) {
     from->first_vertex = mesh->vertex_count;
     append_rows(mesh->positions, piece->positions, mesh->vertex_count, piece->vertex_count, sizeof *piece->positions);
+    append_rows(mesh->limits, piece->limits, mesh->vertex_count, piece->vertex_count, sizeof *piece->limits);
     append_rows(mesh->normals, piece->normals, mesh->vertex_count, piece->vertex_count, sizeof *piece->normals);
     for (int set = 0; set < LOD_UV_SETS; set++)
       append_rows(mesh->uvs[set], piece->uvs[set], mesh->vertex_count, piece->vertex_count, sizeof *piece->uvs[set]);
@@ -473,8 +476,9 @@ static void append(struct lod_mesh *mesh, struct decoded *from) {
 
 static bool allocate_group(struct lod_mesh *mesh, uint32_t group, const uint64_t sizes[4], struct lod_arena *arena) {
   return ALLOCATE(positions, sizes[0]) && (!(group & 1) || ALLOCATE(normals, sizes[0])) && (!(group & 2) || ALLOCATE(uvs[0], sizes[0])) &&
-         (!(group & 4) || ALLOCATE(uvs[1], sizes[0])) && (!(group & 8) || ALLOCATE(colors, sizes[0])) && ALLOCATE(triangles, sizes[1]) &&
-         ALLOCATE(materials, sizes[1]) && ALLOCATE(edges, sizes[2]) && ALLOCATE(edge_materials, sizes[2]) && ALLOCATE(points, sizes[3]) &&
+         (!(group & 4) || ALLOCATE(uvs[1], sizes[0])) && (!(group & 8) || ALLOCATE(colors, sizes[0])) &&
+         (!(group & 16) || ALLOCATE(limits, sizes[0])) && ALLOCATE(triangles, sizes[1]) && ALLOCATE(materials, sizes[1]) &&
+         ALLOCATE(edges, sizes[2]) && ALLOCATE(edge_materials, sizes[2]) && ALLOCATE(points, sizes[3]) &&
          ALLOCATE(point_materials, sizes[3]);
 }
 

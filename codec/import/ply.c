@@ -44,6 +44,7 @@ enum meaning {
   kBlue,
   kAlpha,
   kInterest,
+  kEpsilon,
   kScalarMeanings,
   kIndices = kScalarMeanings,
   kTexcoord,
@@ -83,6 +84,7 @@ static const struct {
     {"diffuse_green", kGreen},
     {"diffuse_blue", kBlue},
     {"diffuse_alpha", kAlpha},
+    {"epsilon", kEpsilon},
     {"vertex_indices", kIndices},
     {"vertex_index", kIndices},
     {"texcoord", kTexcoord},
@@ -396,6 +398,8 @@ static enum lod_status allocate_vertices(struct ply *ply, const struct element *
     ok = ok && (mesh->uvs[0] = lod_arena_calloc(arena, element->count, sizeof *mesh->uvs[0])) != NULL;
   if ((find(ply, element, kRed) && find(ply, element, kGreen) && find(ply, element, kBlue)) || find(ply, element, kInterest))
     ok = ok && (mesh->colors = lod_arena_calloc(arena, element->count, sizeof *mesh->colors)) != NULL;
+  if (find(ply, element, kEpsilon))
+    ok = ok && (mesh->limits = lod_arena_calloc(arena, element->count, sizeof *mesh->limits)) != NULL;
   if (!ok)
     return lod_reader_memory(ply->reader);
   ply->has_interest = find(ply, element, kInterest) != NULL;
@@ -425,6 +429,8 @@ static void store_scalar(struct ply *ply, uint32_t v, const struct property *pro
   } else if (m <= kV) {
     if (mesh->uvs[0])
       mesh->uvs[0][v][m - kU] = m == kV ? (float)(1 - value) : (float)value;
+  } else if (m == kEpsilon) {
+    mesh->limits[v] = (float)value; /* cleaned with the part */
   } else if (m == kInterest) { /* travels as alpha: gltf_mesh.c says why */
     mesh->colors[v][3] = color_from(value, property->type, true);
   } else if (m == kAlpha && ply->has_interest) {

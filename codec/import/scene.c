@@ -241,6 +241,8 @@ enum lod_status lod_scene_add_part(struct lod_scene *scene, const struct lod_sce
       clean_uvs(scene, mesh, set);
   if (mesh->colors)
     clean_colors(mesh);
+  for (uint32_t v = 0; mesh->limits && v < mesh->vertex_count; v++) /* a limit that is none */
+    mesh->limits[v] = mesh->limits[v] >= 0 ? mesh->limits[v] : INFINITY;
   if (!part->instances) {
     part->instance_count = 1;
     part->instances = lod_arena_alloc(scene->scratch, 1, sizeof *part->instances);
@@ -422,6 +424,8 @@ static void fill_rest(struct lod_mesh *joined, const struct lod_scene_part *part
 /* `shape` says which attributes exist by non-NULL pointers. */
 static bool allocate_joined(struct lod_mesh *mesh, const struct lod_mesh *shape, bool parts, struct lod_arena *arena) {
   bool ok = ALLOCATE(positions, mesh->vertex_count) && ALLOCATE(triangles, mesh->triangle_count);
+  if (shape->limits)
+    ok = ok && ALLOCATE(limits, mesh->vertex_count);
   if (mesh->wedge_count > 0)
     ok = ok && ALLOCATE(corners, mesh->triangle_count) && ALLOCATE(wedge_vertex, mesh->wedge_count) &&
          (!shape->normals || ALLOCATE(normals, mesh->wedge_count)) && (!shape->uvs[0] || ALLOCATE(uvs[0], mesh->wedge_count)) &&
@@ -441,6 +445,7 @@ static bool allocate_joined(struct lod_mesh *mesh, const struct lod_mesh *shape,
 
 static void keep_pointers(struct lod_mesh *shape, const struct lod_mesh *mesh) {
 #define KEEP(field) shape->field = mesh->field ? mesh->field : shape->field
+  KEEP(limits);
   KEEP(normals);
   KEEP(uvs[0]);
   KEEP(uvs[1]);
@@ -482,6 +487,8 @@ static enum lod_status join_parts(struct lod_scene *scene, const uint32_t *numbe
   for (uint32_t i = 0; i < count; i++) {
     const struct lod_scene_part *part = &parts[numbers[i]];
     LOD_TRY(transform_positions(join, part, mesh->positions + vertex));
+    for (uint32_t v = 0; mesh->limits && v < part->mesh.vertex_count; v++)
+      mesh->limits[vertex + v] = part->mesh.limits ? part->mesh.limits[v] : INFINITY;
     if (mesh->wedge_count > 0)
       fill_wedges(mesh, part, vertex, wedge);
     fill_triangles(mesh, part, numbers[i], vertex, wedge, triangle);

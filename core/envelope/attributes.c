@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/envelope/attribute_target.h"
 #include "core/envelope/internal.h"
 
 /* Weights of the corners of abc for a point p of it. */
@@ -22,37 +23,6 @@ static void barycentrics(struct lod_vec3 p, struct lod_vec3 a, struct lod_vec3 b
   weights[1] = fmin(1, fmax(0, (d11 * d20 - d01 * d21) / denominator));
   weights[2] = fmin(1 - weights[1], fmax(0, (d00 * d21 - d01 * d20) / denominator));
   weights[0] = 1 - weights[1] - weights[2];
-}
-
-/* The source triangle nearest to p among those charged to the faces of one sector, on the sector's own patch. */
-static uint32_t nearest_charged(const struct lod_collapser *c, const uint32_t *ring, uint32_t count, const uint8_t *sector, uint8_t which,
-                                struct lod_vec3 p, struct lod_vec3 *nearest) {
-  const struct lod_mesh *source = c->mesh;
-  uint32_t best = LOD_NONE;
-  double best_distance = INFINITY;
-  for (uint32_t i = 0; i < count; i++) {
-    if (sector[i] != which)
-      continue;
-    uint32_t face = ring[i];
-    uint32_t charges = lod_certificate_charge_count(c->certificate, face);
-    for (uint32_t j = 0; j <= charges; j++) {
-      /* Behind the charges, for a face that has none on its patch: the triangle that it began as. */
-      uint32_t t = j < charges ? lod_certificate_charge(c->certificate, face, j) : best == LOD_NONE ? face : LOD_NONE;
-      if (t == LOD_NONE || c->patch[t] != c->patch[face])
-        continue;
-      const uint32_t *v = source->triangles[t];
-      struct lod_vec3 q =
-          lod_closest_on_triangle(p, lod_vec3_from_float(source->positions[v[0]]), lod_vec3_from_float(source->positions[v[1]]),
-                                  lod_vec3_from_float(source->positions[v[2]]));
-      double distance = lod_vec3_distance_squared(p, q);
-      if (distance < best_distance || (distance == best_distance && t < best)) {
-        best_distance = distance;
-        best = t;
-        *nearest = q;
-      }
-    }
-  }
-  return best;
 }
 
 static void sample(const struct lod_mesh *source, uint32_t t, struct lod_vec3 at, struct lod_mesh *to, uint32_t wedge) {
@@ -81,28 +51,6 @@ static void sample(const struct lod_mesh *source, uint32_t t, struct lod_vec3 at
   }
 }
 
-/* Numbers the sectors around a vertex: faces connected across edges that are no features. */
-static uint8_t number_sectors(const struct lod_surface *s, const uint32_t *ring, uint32_t count, uint8_t *sector) {
-  uint8_t sectors = 0;
-  memset(sector, 0xff, count);
-  for (uint32_t i = 0; i < count; i++) {
-    if (sector[i] != 0xff)
-      continue;
-    sector[i] = sectors;
-    for (bool grown = true; grown;) {
-      grown = false;
-      for (uint32_t j = 0; j < count; j++)
-        for (uint32_t k = 0; k < count && sector[j] == 0xff; k++)
-          if (sector[k] == sectors && lod_surface_smooth_neighbours(s, ring[k], ring[j])) {
-            sector[j] = sectors;
-            grown = true;
-          }
-    }
-    sectors++;
-  }
-  return sectors;
-}
-
 static bool allocate(const struct lod_mesh *source, struct lod_arena *arena, struct lod_mesh *m) {
   size_t most = (size_t)m->triangle_count * 3;
   bool ok = (m->corners = lod_arena_alloc(arena, m->triangle_count, sizeof *m->corners)) != NULL &&
@@ -123,43 +71,41 @@ static void sample_kept(const struct lod_collapser *c, uint32_t t, struct lod_me
   }
 }
 
-enum { MAX_RING = 240 }; /* sector numbers are bytes */
+static void write_wedge(const struct lod_wedges *w, uint32_t from, struct lod_mesh *to, uint32_t wedge) {
+  const double *value = w->value + (size_t)from * w->channels;
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    for (int k = 0; k < 2 && to->uvs[set] != NULL; k++)
+      to->uvs[set][wedge][k] = (float)*value++;
+  for (int k = 0; k < 3 && to->normals != NULL; k++)
+    to->normals[wedge][k] = (float)*value++;
+  for (int k = 0; k < 4 && to->colors != NULL; k++)
+    to->colors[wedge][k] = (float)*value++;
+}
 
-enum lod_status lod_envelope_sample_attributes(const struct lod_collapser *c, struct lod_arena *arena, struct lod_mesh *result) {
+enum lod_status lod_envelope_extract_attributes(const struct lod_collapser *c, struct lod_arena *arena, struct lod_mesh *result) {
   const struct lod_surface *s = &c->surface;
-  if (c->mesh->wedge_count == 0)
+  if (c->wedges.channels == 0)
     return LOD_OK;
   struct lod_arena *scratch = lod_arena_create_child(arena);
-  uint32_t *face_to = scratch == NULL ? NULL : LOD_NEW(scratch, s->face_count, uint32_t);
-  if (face_to == NULL || !allocate(c->mesh, arena, result)) {
+  uint32_t *wedge_to = scratch == NULL ? NULL : LOD_NEW(scratch, c->wedges.count, uint32_t);
+  if (wedge_to == NULL || !allocate(c->mesh, arena, result)) {
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }
-  for (uint32_t f = 0, out = 0; f < s->face_count; f++)
-    face_to[f] = s->face[f][0] == LOD_NONE ? LOD_NONE : out++;
-  uint32_t vertex = 0;
-  for (uint32_t v = 0; v < s->vertex_count; v++) {
-    uint32_t count = s->ring_count[v];
-    if (count == 0)
+  memset(wedge_to, 0xff, c->wedges.count * sizeof *wedge_to);
+  for (uint32_t f = 0, out = 0; f < s->face_count; f++) {
+    if (s->face[f][0] == LOD_NONE)
       continue;
-    const uint32_t *ring = lod_surface_ring(s, v);
-    /* A hub of hundreds of faces is sampled in runs; each run has wedges of its own. */
-    for (uint32_t begin = 0; begin < count; begin += MAX_RING) {
-      uint32_t run = count - begin < MAX_RING ? count - begin : MAX_RING;
-      uint8_t sector[MAX_RING];
-      uint8_t sectors = number_sectors(s, ring + begin, run, sector);
-      for (uint8_t i = 0; i < sectors; i++) {
-        struct lod_vec3 nearest = s->position[v];
-        uint32_t t = nearest_charged(c, ring + begin, run, sector, i, s->position[v], &nearest);
-        uint32_t wedge = result->wedge_count++;
-        result->wedge_vertex[wedge] = vertex;
-        sample(c->mesh, t, nearest, result, wedge);
-        for (uint32_t j = 0; j < run; j++)
-          if (sector[j] == i)
-            result->corners[face_to[ring[begin + j]]][lod_surface_corner(s, ring[begin + j], v)] = wedge;
+    for (int k = 0; k < 3; k++) {
+      uint32_t from = c->wedges.corner[f][k];
+      if (wedge_to[from] == LOD_NONE) {
+        wedge_to[from] = result->wedge_count++;
+        result->wedge_vertex[wedge_to[from]] = result->triangles[out][k];
+        write_wedge(&c->wedges, from, result, wedge_to[from]);
       }
+      result->corners[out][k] = wedge_to[from];
     }
-    vertex++;
+    out++;
   }
   for (uint32_t i = 0; i < c->kept_count; i++)
     sample_kept(c, c->kept[i], result, result->triangle_count - c->kept_count + i);
@@ -170,75 +116,159 @@ enum lod_status lod_envelope_sample_attributes(const struct lod_collapser *c, st
 /* ---- how far they are from the source's ---- */
 
 struct deviation {
-  double distance; /* of the points compared; INFINITY = none yet */
-  double uv[LOD_UV_SETS], normal_cosine;
+  double worst; /* of groups over their bounds, or of the distance where nothing is bounded; INFINITY = none yet */
+  double of_group[LOD_MOST_GROUPS];
 };
 
-static struct lod_vec3 mixed_normal(const struct lod_mesh *mesh, const uint32_t w[3], const double weights[3]) {
-  struct lod_vec3 n = {0, 0, 0};
-  for (int k = 0; k < 3; k++)
-    n = lod_vec3_add_scaled(n, lod_vec3_from_float(mesh->normals[w[k]]), weights[k]);
-  return lod_vec3_normalize(n);
+/* A triangle of one mesh, as what points of the other are compared with. */
+struct side {
+  struct lod_target target;
+  struct lod_attribute_target attributes;
+};
+
+static void make_side(const struct lod_collapser *c, const struct lod_vec3 p[3], const double *const value[3], struct side *side) {
+  lod_target_make(&side->target, p);
+  lod_attribute_target_make(&side->attributes, &c->wedges, &side->target, value, c->epsilon);
 }
 
-static void corners_of(const struct lod_mesh *mesh, uint32_t t, struct lod_vec3 p[3]) {
-  for (int k = 0; k < 3; k++)
-    p[k] = lod_vec3_from_float(mesh->positions[mesh->triangles[t][k]]);
-}
-
-/* The centre of source triangle t against its nearest point on triangle u of the result, when that is nearer than what d holds. */
-static void compare(const struct lod_mesh *source, uint32_t t, const struct lod_mesh *result, uint32_t u, struct deviation *d) {
-  static const double kThirds[3] = {1.0 / 3, 1.0 / 3, 1.0 / 3};
-  struct lod_vec3 p[3], q[3];
-  corners_of(source, t, p);
-  corners_of(result, u, q);
-  struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
-  struct lod_vec3 nearest = lod_closest_on_triangle(centre, q[0], q[1], q[2]);
-  double distance = lod_vec3_distance_squared(centre, nearest), weights[3];
-  if (distance >= d->distance)
-    return;
-  d->distance = distance;
-  barycentrics(nearest, q[0], q[1], q[2], weights);
-  const uint32_t *w = source->corners[t], *x = result->corners[u];
-  for (int set = 0; set < LOD_UV_SETS; set++) {
-    double difference[2] = {0, 0};
-    for (int i = 0; i < 2 && source->uvs[set] != NULL; i++)
-      for (int k = 0; k < 3; k++)
-        difference[i] += kThirds[k] * (double)source->uvs[set][w[k]][i] - weights[k] * (double)result->uvs[set][x[k]][i];
-    d->uv[set] = hypot(difference[0], difference[1]);
+static void side_of_face(const struct lod_collapser *c, uint32_t f, struct lod_vec3 p[3], const double *value[3]) {
+  for (int k = 0; k < 3; k++) {
+    p[k] = c->surface.position[c->surface.face[f][k]];
+    value[k] = c->wedges.value + (size_t)c->wedges.corner[f][k] * c->wedges.channels;
   }
-  if (source->normals != NULL)
-    d->normal_cosine = lod_vec3_dot(mixed_normal(source, w, kThirds), mixed_normal(result, x, weights));
 }
 
-enum lod_status lod_envelope_measure_attributes(const struct lod_collapser *c, struct lod_arena *arena, const struct lod_mesh *result,
+static void side_of_source(const struct lod_collapser *c, uint32_t t, struct lod_vec3 p[3], const double *value[3]) {
+  for (int k = 0; k < 3; k++) {
+    p[k] = lod_vec3_from_float(c->mesh->positions[c->mesh->triangles[t][k]]);
+    value[k] = c->wedges.of_source + (size_t)c->mesh->corners[t][k] * c->wedges.channels;
+  }
+}
+
+/* The point (s, t) of a side against q; kept when it fits better than what d holds. */
+static void compare_at(const struct lod_collapser *c, const struct side *side, struct lod_vec3 q, const double *value, double s, double t,
+                       struct deviation *d) {
+  const struct lod_wedges *w = &c->wedges;
+  struct lod_vec3 p = lod_vec3_add_scaled(lod_vec3_add_scaled(side->target.a, side->target.ab, s), side->target.ac, t);
+  struct deviation fresh = {.worst = lod_vec3_distance(p, q) / c->epsilon};
+  if (w->bounded && fresh.worst <= 1)
+    fresh.worst = 0;
+  for (uint32_t g = 0; g < w->group_count; g++) {
+    double sum = 0;
+    for (uint32_t i = w->groups[g].first; i < w->groups[g].first + w->groups[g].count; i++) {
+      double difference = side->attributes.a[i] + s * side->attributes.ab[i] + t * side->attributes.ac[i] - value[i];
+      sum += difference * difference;
+    }
+    fresh.of_group[g] = sqrt(sum);
+    if (isfinite(w->groups[g].bound))
+      fresh.worst = fmax(fresh.worst, fresh.of_group[g] / w->groups[g].bound);
+  }
+  if (fresh.worst < d->worst)
+    *d = fresh;
+}
+
+static void compare(const struct lod_collapser *c, const struct side *side, struct lod_vec3 q, const double *value, struct deviation *d) {
+  const struct lod_target *face = &side->target;
+  const struct lod_attribute_target *a = &side->attributes;
+  struct lod_vec3 aq = lod_vec3_subtract(q, face->a);
+  double p0 = lod_vec3_dot(aq, face->ab), p1 = lod_vec3_dot(aq, face->ac), s, t;
+  double r0 = a->inverse_squared * p0, r1 = a->inverse_squared * p1;
+  for (uint32_t i = 0; i < c->wedges.channels; i++) {
+    r0 += c->wedges.weight[i] * a->ab[i] * (value[i] - a->a[i]);
+    r1 += c->wedges.weight[i] * a->ac[i] * (value[i] - a->a[i]);
+  }
+  lod_nearest_weights(a->g00, a->g01, a->g11, r0, r1, &s, &t);
+  compare_at(c, side, q, value, s, t, d);
+  lod_nearest_weights(face->d00, face->d01, face->d11, p0, p1, &s, &t);
+  compare_at(c, side, q, value, s, t, d);
+}
+
+/* The centre and the corners of a triangle against a side. */
+enum { SAMPLES = 4 };
+static void compare_triangle(const struct lod_collapser *c, const struct side *side, const struct lod_vec3 p[3],
+                             const double *const value[3], struct deviation d[SAMPLES]) {
+  double mean[LOD_MOST_CHANNELS];
+  for (uint32_t i = 0; i < c->wedges.channels; i++)
+    mean[i] = (value[0][i] + value[1][i] + value[2][i]) / 3;
+  compare(c, side, lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3), mean, &d[0]);
+  for (int k = 0; k < 3; k++)
+    compare(c, side, p[k], value[k], &d[1 + k]);
+}
+
+static void add_deviations(const struct lod_wedges *w, const struct deviation d[SAMPLES], struct lod_envelope_report *report) {
+  for (int i = 0; i < SAMPLES; i++) {
+    uint32_t g = 0;
+    if (!isfinite(d[i].worst))
+      continue;
+    for (int set = 0; set < LOD_UV_SETS; set++)
+      if (w->source->uvs[set] != NULL)
+        report->uv[set] = fmax(report->uv[set], d[i].of_group[g++]);
+    if (w->source->normals != NULL) /* of a chord between interpolated normals: what its arc is on the unit sphere */
+      report->normal_degrees = fmax(report->normal_degrees, 2 * asin(fmin(1, 0.5 * d[i].of_group[g])) * 57.29577951308232);
+  }
+}
+
+/* A face against what it and the faces around it are charged with. */
+static void compare_face(const struct lod_collapser *c, uint32_t f, const struct lod_vec3 p[3], const double *const value[3],
+                         struct deviation d[SAMPLES]) {
+  for (int k = 0; k < 3; k++) {
+    const uint32_t *ring = lod_surface_ring(&c->surface, c->surface.face[f][k]);
+    for (uint32_t j = 0; j < c->surface.ring_count[c->surface.face[f][k]]; j++)
+      for (uint32_t i = 0; i < lod_certificate_charge_count(c->certificate, ring[j]); i++) {
+        uint32_t t = lod_certificate_charge(c->certificate, ring[j], i);
+        if (t == LOD_NONE || c->patch[t] != c->patch[f])
+          continue;
+        struct lod_vec3 q[3];
+        const double *at_q[3];
+        struct side triangle;
+        side_of_source(c, t, q, at_q);
+        make_side(c, q, at_q, &triangle);
+        compare_triangle(c, &triangle, p, value, d);
+      }
+  }
+}
+
+enum lod_status lod_envelope_measure_attributes(const struct lod_collapser *c, struct lod_arena *arena,
                                                 struct lod_envelope_report *report) {
-  if (c->mesh->wedge_count == 0)
+  static const struct deviation kNone = {.worst = INFINITY};
+  if (c->wedges.channels == 0)
     return LOD_OK;
   struct lod_arena *scratch = lod_arena_create_child(arena);
-  struct deviation *deviations = scratch == NULL ? NULL : LOD_NEW(scratch, c->mesh->triangle_count, struct deviation);
-  if (deviations == NULL) {
+  struct deviation(*of_source)[SAMPLES] = scratch == NULL ? NULL : lod_arena_alloc(scratch, c->mesh->triangle_count, sizeof *of_source);
+  if (of_source == NULL) {
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }
   for (uint32_t t = 0; t < c->mesh->triangle_count; t++)
-    deviations[t] = (struct deviation){.distance = INFINITY, .normal_cosine = 1};
-  for (uint32_t f = 0, u = 0; f < c->surface.face_count; f++) {
+    for (int i = 0; i < SAMPLES; i++)
+      of_source[t][i] = kNone;
+  for (uint32_t f = 0; f < c->surface.face_count; f++) {
     if (c->surface.face[f][0] == LOD_NONE)
       continue;
+    struct deviation of_face[SAMPLES] = {kNone, kNone, kNone, kNone};
+    struct lod_vec3 p[3], q[3];
+    const double *at_p[3], *at_q[3];
+    struct side face;
+    side_of_face(c, f, p, at_p);
+    make_side(c, p, at_p, &face);
     for (uint32_t i = 0; i < lod_certificate_charge_count(c->certificate, f); i++) {
       uint32_t t = lod_certificate_charge(c->certificate, f, i);
-      if (t != LOD_NONE && c->patch[t] == c->patch[f])
-        compare(c->mesh, t, result, u, &deviations[t]);
+      if (t == LOD_NONE || c->patch[t] != c->patch[f])
+        continue;
+      side_of_source(c, t, q, at_q);
+      compare_triangle(c, &face, q, at_q, of_source[t]);
     }
-    u++;
+    compare_face(c, f, p, at_p, of_face);
+    add_deviations(&c->wedges, of_face, report);
   }
-  for (uint32_t t = 0; t < c->mesh->triangle_count; t++) {
-    for (int set = 0; set < LOD_UV_SETS; set++)
-      report->uv[set] = fmax(report->uv[set], deviations[t].uv[set]);
-    double degrees = acos(fmax(-1, fmin(1, deviations[t].normal_cosine))) * 57.29577951308232;
-    report->normal_degrees = fmax(report->normal_degrees, degrees);
-  }
+  for (uint32_t t = 0; t < c->mesh->triangle_count; t++)
+    add_deviations(&c->wedges, of_source[t], report);
   lod_arena_destroy(scratch);
+  uint32_t g = 0;
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    if (c->mesh->uvs[set] != NULL)
+      report->uv_bound[set] = c->wedges.groups[g++].bound;
+  if (c->mesh->normals != NULL)
+    report->normal_bound = isfinite(c->wedges.groups[g].bound) ? c->wedges.bounds.normal_degrees : INFINITY;
   return LOD_OK;
 }

@@ -56,6 +56,8 @@ struct lod_certificate {
   uint32_t *triangle_stamp; /* per source triangle: the trial that asked for it last */
   uint32_t stamp;
   struct lod_backward *backward;
+  const struct lod_wedges *wedges; /* NULL: attributes are not bounded */
+  const uint32_t *patch;
   struct found *found;
   uint32_t found_count, found_capacity;
 };
@@ -117,6 +119,12 @@ enum lod_status lod_certificate_create(const struct lod_mesh *source, const stru
   }
   *certificate = c;
   return LOD_OK;
+}
+
+enum lod_status lod_certificate_bound_attributes(struct lod_certificate *c, const struct lod_wedges *wedges, const uint32_t *patch) {
+  c->wedges = wedges;
+  c->patch = patch;
+  return lod_backward_bound_attributes(c->backward, wedges, patch, c->arena);
 }
 
 /* ---- backward ---- */
@@ -213,6 +221,49 @@ static bool try_forward(const struct lod_certificate *c, const struct proxy *pro
   return lod_forward_test(&c->forward, face->corner, near, FORWARD_PIECES, &refuter, NULL) == LOD_FORWARD_PROVEN;
 }
 
+/* Points of fresh faces against the triangles that they are to be charged with, on the same patch: an attribute that no source has near
+ * there shows what is not the source's. Sampled, at the centre, at corners that moved, at middles of edges to corners that changed. */
+static bool attributes_of_source(const struct lod_certificate *c, const struct lod_candidate *face, const double *const corner[3],
+                                 const bool moved[3], const bool changed[3]) {
+  static const double kWeights[7][3] = {{1, 0, 0},     {0, 1, 0},     {0, 0, 1},    {1.0 / 3, 1.0 / 3, 1.0 / 3},
+                                        {0.5, 0.5, 0}, {0, 0.5, 0.5}, {0.5, 0, 0.5}};
+  for (int i = 0; i < 7; i++) {
+    const double *w = kWeights[i];
+    const bool *which = i < 3 ? moved : changed;
+    if (i != 3 && !(w[0] > 0 && which[0]) && !(w[1] > 0 && which[1]) && !(w[2] > 0 && which[2]))
+      continue;
+    struct lod_vec3 p = lod_vec3_scale(face->corner[0], w[0]);
+    p = lod_vec3_add_scaled(lod_vec3_add_scaled(p, face->corner[1], w[1]), face->corner[2], w[2]);
+    double value[LOD_MOST_CHANNELS];
+    for (uint32_t n = 0; n < c->wedges->channels; n++)
+      value[n] = w[0] * corner[0][n] + w[1] * corner[1][n] + w[2] * corner[2][n];
+    bool shown = false;
+    for (uint32_t j = 0; j < c->found_count && !shown; j++)
+      shown = c->patch[c->found[j].triangle] == c->patch[face->face] && lod_backward_shows(c->backward, c->found[j].triangle, p, value);
+    if (!shown)
+      return false;
+  }
+  return true;
+}
+
+static bool try_attributes(const struct lod_certificate *c, const struct lod_change *change) {
+  for (uint32_t k = 0; k < change->fresh_count && c->wedges != NULL; k++) {
+    const double *corner[3];
+    bool moved[3] = {false, false, false}, all = change->placed_count == 0, changed[3] = {all, all, all};
+    for (int i = 0; i < 3; i++) {
+      corner[i] = lod_backward_value(c->backward, k, i);
+      for (uint32_t j = 0; j < change->placed_count; j++) {
+        bool placed = change->placed[j].wedge == change->faces[k].wedge[i];
+        changed[i] = changed[i] || placed;
+        moved[i] = moved[i] || (placed && change->placed[j].moved);
+      }
+    }
+    if (!attributes_of_source(c, &change->faces[k], corner, moved, changed))
+      return false;
+  }
+  return true;
+}
+
 bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, enum lod_status *status) {
   assert(change->face_count <= LOD_CERTIFICATE_MAX_FACES);
   *status = LOD_OK;
@@ -228,7 +279,7 @@ bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, e
   for (uint32_t k = 0; k < change->fresh_count; k++)
     if (!try_forward(c, proxy, &change->faces[k], near[k]))
       return false;
-  return true;
+  return try_attributes(c, change);
 }
 
 /* ---- commit ---- */

@@ -17,6 +17,10 @@ struct lod_certificate;
 LOD_WARN_UNUSED enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, const double *limits,
                                                        double epsilon, struct lod_arena *arena, struct lod_certificate **certificate);
 
+/* From now on backward proofs hold for attributes too, as lod_backward_bound_attributes. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_bound_attributes(struct lod_certificate *certificate, const struct lod_wedges *wedges,
+                                                                 const uint32_t *patch);
+
 /* From now on `face` answers for the source triangle alone: all of it must be part of that face. */
 LOD_WARN_UNUSED enum lod_status lod_certificate_move(struct lod_certificate *certificate, uint32_t triangle, uint32_t face);
 

@@ -7,6 +7,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/base/sets.h"
 #include "core/base/tolerance.h"
 #include "core/envelope/internal.h"
 #include "core/envelope/quadric.h"
@@ -93,7 +94,8 @@ bool lod_attempt_gather(struct lod_collapser *c, uint32_t a, uint32_t b, struct 
     }
   }
   change->fresh_count = change->face_count;
-  return true;
+  change->placed_count = 0;
+  return c->wedges.channels == 0 || lod_wedges_place(&c->wedges, s, a, b, to, change, attempt->faces);
 }
 
 /* Unchanged faces around the ring: those that share an edge with it first, then those that share a vertex. */
@@ -118,6 +120,8 @@ static void gather_neighbours(void *context, struct lod_change *change) {
           for (int n = 0; n < 3; n++)
             face->corner[n] = s->position[u[n]];
           memcpy(face->vertex, u, sizeof face->vertex);
+          if (c->wedges.channels != 0)
+            memcpy(face->wedge, c->wedges.corner[f], sizeof face->wedge);
           face->face = f;
         }
       }
@@ -168,6 +172,7 @@ void lod_attempt_init(struct lod_collapser *c, struct lod_attempt *attempt) {
   attempt->change.changing = attempt->changing;
   attempt->change.faces = attempt->faces;
   attempt->change.witness = LOD_NONE;
+  attempt->change.placed_count = 0;
 }
 
 enum lod_status lod_attempt_collapse(struct lod_collapser *c, uint32_t a, uint32_t b, struct lod_vec3 to, struct lod_attempt *attempt,
@@ -176,6 +181,9 @@ enum lod_status lod_attempt_collapse(struct lod_collapser *c, uint32_t a, uint32
   bool on_curve = c->surface.kind[a] == LOD_VERTEX_CURVE;
   *done = false;
   if (on_curve && !lod_curves_allow(&c->curves, &c->surface, a, b, to, c->epsilon, &stands_for))
+    return LOD_OK;
+  bool on_junction = c->surface.kind[a] == LOD_VERTEX_JUNCTION;
+  if (on_junction && !lod_curves_allow_junction(&c->curves, &c->surface, a, b, to, c->epsilon))
     return LOD_OK;
   if (!lod_attempt_gather(c, a, b, to, attempt))
     return LOD_OK;
@@ -186,9 +194,12 @@ enum lod_status lod_attempt_collapse(struct lod_collapser *c, uint32_t a, uint32
     return LOD_OK;
   lod_collapser_note_origin(c, a, b, to);
   LOD_TRY(lod_surface_collapse(&c->surface, a, b, to));
+  lod_wedges_commit(&c->wedges, &attempt->change);
   lod_guard_follow(c->guard, &c->surface, attempt->changing, attempt->change.changing_count);
   if (on_curve)
     lod_curves_collapse(&c->curves, &c->surface, b, stands_for);
+  if (on_junction)
+    c->merged[a] = b;
   LOD_TRY(lod_certificate_commit(c->certificate, &attempt->change));
   lod_quadric_add(&c->quadric[b], &c->quadric[a]);
   c->stamp[a]++;
@@ -269,8 +280,12 @@ static enum lod_status run_pass(struct lod_collapser *c, int places, const struc
 static void set_epsilon(struct lod_collapser *c, double epsilon, double gate) {
   c->epsilon = epsilon;
   lod_certificate_set_epsilon(c->certificate, epsilon);
+  if (c->wedges.channels != 0)
+    lod_wedges_set_epsilon(&c->wedges, epsilon);
   /* Of coplanar regions in floats the planes' rounding says more than their distance: no gate. */
   bool coplanar = epsilon <= 2 * LOD_TOLERANCE_COPLANAR * lod_mesh_magnitude(c->mesh);
+  if (c->settings.rms > 0 && c->settings.rms * c->settings.rms < gate)
+    gate = c->settings.rms * c->settings.rms;
   c->gate = coplanar ? INFINITY : gate * epsilon * epsilon;
   for (size_t i = 0; i < (size_t)1 << WITNESS_SLOTS_LOG2; i++)
     c->witnesses[i].state = 0;
@@ -306,31 +321,39 @@ static void init_quadrics(struct lod_collapser *c) {
   }
 }
 
-static uint32_t find_root(uint32_t *up, uint32_t x) {
-  while (up[x] != x)
-    x = up[x] = up[up[x]];
-  return x;
+/* A live face on the segment that a degenerate triangle of the source is; LOD_NONE where there is none. */
+static uint32_t find_host(const struct lod_collapser *c, uint32_t t) {
+  const struct lod_surface *s = &c->surface;
+  const uint32_t *v = c->mesh->triangles[t];
+  uint32_t a = v[0], b = v[1] != v[0] ? v[1] : v[2];
+  const uint32_t *ring = lod_surface_ring(s, a);
+  for (uint32_t i = 0; i < s->ring_count[a]; i++) {
+    const uint32_t *w = s->face[ring[i]];
+    if (w[0] == b || w[1] == b || w[2] == b)
+      return ring[i];
+  }
+  return LOD_NONE;
 }
 
 /* Regions that are connected across edges that are no features. */
 static enum lod_status find_patches(struct lod_collapser *c) {
   const struct lod_surface *s = &c->surface;
-  c->patch = LOD_NEW(c->arena, s->face_count, uint32_t);
+  if (c->patch != NULL)
+    return LOD_OK; /* of the source: starting afresh does not change them */
+  c->patch = lod_sets_create(c->arena, s->face_count);
   if (c->patch == NULL)
     return LOD_MEMORY;
-  for (uint32_t f = 0; f < s->face_count; f++)
-    c->patch[f] = f;
   for (uint32_t v = 0; v < s->vertex_count; v++) {
     const uint32_t *ring = lod_surface_ring(s, v);
     for (uint32_t i = 0; i < s->ring_count[v]; i++)
       for (uint32_t j = i + 1; j < s->ring_count[v]; j++)
-        if (lod_surface_smooth_neighbours(s, ring[i], ring[j])) {
-          uint32_t a = find_root(c->patch, ring[i]), b = find_root(c->patch, ring[j]);
-          c->patch[a > b ? a : b] = a > b ? b : a;
-        }
+        if (lod_surface_smooth_neighbours(s, ring[i], ring[j]))
+          lod_sets_join(c->patch, ring[i], ring[j]);
   }
-  for (uint32_t f = 0; f < s->face_count; f++)
-    c->patch[f] = find_root(c->patch, f);
+  for (uint32_t f = 0; f < s->face_count; f++) {
+    uint32_t host = s->face[f][0] == LOD_NONE ? find_host(c, f) : f;
+    c->patch[f] = lod_sets_find(c->patch, host == LOD_NONE ? f : host);
+  }
   return LOD_OK;
 }
 
@@ -344,14 +367,7 @@ static enum lod_status host_degenerate(struct lod_collapser *c) {
   for (uint32_t t = 0; t < s->face_count; t++) {
     if (s->face[t][0] != LOD_NONE)
       continue;
-    const uint32_t *v = c->mesh->triangles[t];
-    uint32_t a = v[0], b = v[1] != v[0] ? v[1] : v[2], host = LOD_NONE;
-    const uint32_t *ring = lod_surface_ring(s, a);
-    for (uint32_t i = 0; i < s->ring_count[a] && host == LOD_NONE; i++) {
-      const uint32_t *w = s->face[ring[i]];
-      if (w[0] == b || w[1] == b || w[2] == b)
-        host = ring[i];
-    }
+    uint32_t host = find_host(c, t);
     if (host == LOD_NONE)
       c->kept[c->kept_count++] = t;
     else
@@ -367,7 +383,11 @@ static enum lod_status start(struct lod_collapser *c) {
   for (uint32_t v = 0; v < mesh->vertex_count && c->settings.pinned != NULL; v++)
     if (c->settings.pinned[v])
       c->surface.kind[v] = LOD_VERTEX_CORNER;
+  LOD_TRY(find_patches(c));
+  LOD_TRY(lod_wedges_create(mesh, &c->surface, &c->settings.attributes, c->arena, &c->wedges));
   LOD_TRY(lod_certificate_create(mesh, c->bvh, c->settings.limits, 0, c->arena, &c->certificate));
+  if (c->wedges.bounded)
+    LOD_TRY(lod_certificate_bound_attributes(c->certificate, &c->wedges, c->patch));
   if (c->settings.guarding != LOD_GUARD_NONE)
     LOD_TRY(lod_guard_create(mesh, &c->surface, c->settings.guarding == LOD_GUARD_ALL, c->arena, &c->guard));
   c->proxy_faces = mesh->triangle_count;
@@ -379,7 +399,10 @@ static enum lod_status start(struct lod_collapser *c) {
     c->merged[v] = c->origin[v] = v;
     c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
   }
+  if (!c->wedges.bounded)
+    lod_surface_fix_junctions(&c->surface);
   LOD_TRY(lod_curves_create(mesh, &c->surface, c->arena, &c->curves));
+  c->curves.merged = c->merged;
   LOD_TRY(host_degenerate(c));
   init_quadrics(c);
   return LOD_OK;
@@ -408,7 +431,6 @@ enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct l
       c->witnesses == NULL)
     return LOD_MEMORY;
   LOD_TRY(start(c));
-  LOD_TRY(find_patches(c));
   *collapser = c;
   return LOD_OK;
 }
@@ -444,7 +466,7 @@ static enum lod_status draft_stage(struct lod_collapser *c, double epsilon, cons
 
 enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
   uint32_t collapsed;
-  if (c->settings.draft && c->settings.limits == NULL && epsilon > STAGE_STEP * c->proxy_epsilon) {
+  if (c->settings.draft && c->settings.limits == NULL && !c->wedges.bounded && epsilon > STAGE_STEP * c->proxy_epsilon) {
     set_epsilon(c, epsilon, STAGE_GATE * STAGE_SHARE * STAGE_SHARE);
     LOD_TRY(draft_stage(c, epsilon, progress));
   }

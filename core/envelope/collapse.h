@@ -4,6 +4,7 @@
 #define LOD_CORE_ENVELOPE_COLLAPSE_H
 
 #include "core/base/parallel.h"
+#include "core/envelope/wedges.h"
 #include "core/mesh/bvh.h"
 #include "core/mesh/mesh.h"
 
@@ -17,13 +18,15 @@ enum lod_guarding {
 };
 
 struct lod_collapse_settings {
-  bool vertex_subset;         /* vertices of the result are vertices of the source (P4-1); default false: placed freely */
-  double flip_degrees;        /* a face may not turn by more than this in one collapse; default 75 */
-  double least_quality;       /* of new faces, 4 sqrt(3) area / sum of squared edges, unless the old were worse; default 1e-3 */
-  uint32_t passes;            /* over all edges, until none of 1 % collapses; default 4 */
-  bool draft;                 /* begin with collapses that are bounded by maps (draft.c), five times as fast; default true */
-  double polish;              /* how much is spent on other places, flips and moves once few faces are left; 0 = nothing, default 1 */
-  enum lod_guarding guarding; /* default LOD_GUARD_CLOSED */
+  bool vertex_subset;   /* vertices of the result are vertices of the source (P4-1); default false: placed freely */
+  double flip_degrees;  /* a face may not turn by more than this in one collapse; default 75 */
+  double least_quality; /* of new faces, 4 sqrt(3) area / sum of squared edges, unless the old were worse; default 1e-3 */
+  uint32_t passes;      /* over all edges, until none of 1 % collapses; default 4 */
+  bool draft;           /* begin with collapses that are bounded by maps (draft.c), five times as fast; default true */
+  double polish;        /* how much is spent on other places, flips and moves once few faces are left; 0 = nothing, default 1 */
+  double rms; /* the root mean square of the distance may take this share of epsilon, as quadrics tell it; 0 = nothing asks; default 0 */
+  enum lod_guarding guarding;             /* default LOD_GUARD_CLOSED */
+  struct lod_attribute_bounds attributes; /* default: none. With them there is no draft, and corners of lines may merge */
   /* Per source vertex, how far the result may be from the source there at most, linear in between (P4-15); or NULL. Not owned. */
   const double *limits;
   const bool

@@ -82,6 +82,12 @@ struct stretch {
   bool backwards;
 };
 
+static uint32_t survivor(const struct lod_curves *c, uint32_t v) {
+  while (c->merged[v] != v)
+    v = c->merged[v];
+  return v;
+}
+
 static bool find_stretch(const struct lod_curves *c, const struct lod_surface *s, uint32_t a, uint32_t b, uint32_t *previous,
                          uint32_t *next, struct stretch *stretch) {
   uint32_t chain = c->chain[a], ends[2];
@@ -108,7 +114,7 @@ static bool find_stretch(const struct lod_curves *c, const struct lod_surface *s
   else if (previous_curve)
     stretch->backwards = stretch->previous > at;
   else
-    stretch->backwards = order[0] == b;
+    stretch->backwards = survivor(c, order[0]) == b;
   if (!b_curve)
     stretch->b = stretch->backwards ? 0 : n - 1;
   if (!previous_curve)
@@ -165,4 +171,37 @@ bool lod_curves_allow(const struct lod_curves *c, const struct lod_surface *s, u
 void lod_curves_collapse(struct lod_curves *c, const struct lod_surface *s, uint32_t b, uint32_t place) {
   if (s->kind[b] == LOD_VERTEX_CURVE)
     c->place[b] = place;
+}
+
+/* The line that leaves junction e by its edge to w, as it would be with e at `to`. */
+static bool allows_end(const struct lod_curves *c, const struct lod_surface *s, uint32_t e, uint32_t w, struct lod_vec3 to,
+                       double squared) {
+  uint32_t chain = s->kind[w] == LOD_VERTEX_CURVE ? c->chain[w] : LOD_NONE, ends[2];
+  if (chain == LOD_NONE)
+    return true;
+  if (c->loop[chain] || lod_surface_feature_ends(s, w, ends) != 2)
+    return false;
+  uint32_t next = ends[0] == e ? ends[1] : ends[0], n = c->count[chain];
+  struct stretch stretch = {.order = c->order + c->first[chain], .count = n};
+  stretch.backwards = s->kind[next] == LOD_VERTEX_CURVE ? c->place[next] < c->place[w] : survivor(c, stretch.order[0]) != e;
+  return stands_for(c, &stretch, to, stretch.backwards ? n - 1 : 0, s->position[w], c->place[w], squared);
+}
+
+bool lod_curves_allow_junction(const struct lod_curves *c, const struct lod_surface *s, uint32_t a, uint32_t b, struct lod_vec3 to,
+                               double epsilon) {
+  double narrowed = fmax(0, epsilon - c->margin), squared = narrowed * narrowed;
+  for (int side = 0; side < 2; side++) {
+    uint32_t e = side == 0 ? a : b;
+    const uint32_t *ring = lod_surface_ring(s, e);
+    for (uint32_t i = 0; i < s->ring_count[e]; i++) {
+      uint32_t f = ring[i];
+      int k = lod_surface_corner(s, f, e);
+      const uint32_t ends[2] = {s->face[f][(k + 1) % 3], s->face[f][(k + 2) % 3]};
+      const uint8_t bit[2] = {(uint8_t)(1 << k), (uint8_t)(1 << (k + 2) % 3)};
+      for (int j = 0; j < 2; j++)
+        if ((s->feature[f] & bit[j]) != 0 && ends[j] != a && ends[j] != b && !allows_end(c, s, e, ends[j], to, squared))
+          return false;
+    }
+  }
+  return true;
 }

@@ -14,6 +14,7 @@ struct lod_curves {
   uint32_t *order;         /* the chains' source vertices, one chain after another */
   uint32_t *first, *count; /* per chain: its part of order; a chain that is no loop begins and ends with its corners */
   bool *loop;              /* per chain */
+  const uint32_t *merged;  /* per vertex: where it went, itself while it stands; not owned */
   double margin;           /* of rounding */
 };
 
@@ -26,5 +27,11 @@ LOD_WARN_UNUSED enum lod_status lod_curves_create(const struct lod_mesh *source,
 bool lod_curves_allow(const struct lod_curves *curves, const struct lod_surface *surface, uint32_t a, uint32_t b, struct lod_vec3 to,
                       double epsilon, uint32_t *place);
 void lod_curves_collapse(struct lod_curves *curves, const struct lod_surface *surface, uint32_t b, uint32_t place);
+
+/* Whether junctions a and b may become one at `to`: the first edges of the lines that end there still stand for their parts of them. Lines
+ * that run from junction to junction in one edge are not looked at: patches on both sides, whose points must all be near the same patch
+ * (certificate.h, where attributes are bounded), keep them. */
+bool lod_curves_allow_junction(const struct lod_curves *curves, const struct lod_surface *surface, uint32_t a, uint32_t b,
+                               struct lod_vec3 to, double epsilon);
 
 #endif

@@ -250,6 +250,7 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
     return LOD_OK;
   lod_collapser_note_origin(c, a, b, place[0]);
   LOD_TRY(lod_surface_collapse(&c->surface, a, b, place[0]));
+  lod_wedges_commit(&c->wedges, &attempt->change);
   lod_guard_follow(c->guard, &c->surface, attempt->changing, attempt->change.changing_count);
   draft->bound[b] = bound;
   draft->proven = fmax(draft->proven, bound);

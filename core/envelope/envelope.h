@@ -18,13 +18,17 @@
 #include "core/envelope/collapse.h"
 #include "core/level/hierarchy.h"
 
-/* How far attributes of a level are from the source's: the largest difference found at the centres of all source triangles, each against
- * the nearest point of the level on its side of seams and creases. Sampled, unlike positions: a figure, not a bound. */
+/* How far attributes of a level are from the source's, in two ways.
+ * - Bounds, proven with the positions (attribute_target.h): every point of the source has a point of the level on its side of seams and
+ *   creases within epsilon whose attributes differ by no more. Before quantisation.
+ * - Drift, sampled: the largest difference found at corners and centres of all triangles of both meshes, each against the point of the
+ * other that fits best. A figure, not a bound, but it looks both ways. */
 struct lod_envelope_report {
   double epsilon; /* of the level, as certified before quantisation; 0 = the level was left out */
   uint64_t triangles;
   double uv[LOD_UV_SETS]; /* units of UV: times the texture's width it is texels */
   double normal_degrees;
+  double uv_bound[LOD_UV_SETS], normal_bound; /* INFINITY = none, 0 = no such attribute */
 };
 
 /* What the user asks of one unit. */
@@ -44,7 +48,7 @@ struct lod_envelope_settings {
   double reserve;
   double least_gain;     /* a level that saves less than this share of the triangles of the one before is left out; 0 = none; 0.1 */
   double crease_degrees; /* an edge across which the source's own normals jump by more is a crease and stays a line; 30 */
-  struct lod_collapse_settings collapse;
+  struct lod_collapse_settings collapse;    /* with attributes bounded: slip 1, normals 60 degrees, colours 0.25 */
   struct lod_better_settings better;        /* where the cover (cover.h) goes on, or does better; not with vertex_subset or wishes */
   const struct lod_envelope_wishes *wishes; /* one a unit; or NULL */
   struct lod_envelope_report *reports;      /* one an epsilon, caller's; or NULL */
@@ -64,14 +68,12 @@ extern const struct lod_family lod_envelope_family;
 LOD_WARN_UNUSED enum lod_status lod_envelope_features(const struct lod_mesh *mesh, double crease_degrees, struct lod_arena *arena,
                                                       uint8_t **features);
 
-/* Gives `result` (extracted from `collapser`) wedges whose attributes are sampled on the source: for each vertex and each of the sectors
- * that features cut its faces into, at the nearest point of the source triangles charged to that sector. Does nothing when the source has
- * none. */
-LOD_WARN_UNUSED enum lod_status lod_envelope_sample_attributes(const struct lod_collapser *collapser, struct lod_arena *arena,
-                                                               struct lod_mesh *result);
+/* Gives `result` (extracted from `collapser`) the collapser's wedges. Does nothing when the source has none. */
+LOD_WARN_UNUSED enum lod_status lod_envelope_extract_attributes(const struct lod_collapser *collapser, struct lod_arena *arena,
+                                                                struct lod_mesh *result);
 
-/* Worsens the attribute figures of `report` by those of `result`, which lod_envelope_sample_attributes has made. */
-LOD_WARN_UNUSED enum lod_status lod_envelope_measure_attributes(const struct lod_collapser *collapser, struct lod_arena *arena,
-                                                                const struct lod_mesh *result, struct lod_envelope_report *report);
+/* Worsens the drift of `report` by that of the surface as it stands, and sets the bounds. */
+LOD_WARN_UNUSED enum lod_status lod_envelope_measure_attributes(const struct lod_collapser *collapser, struct lod_arena *scratch_parent,
+                                                                struct lod_envelope_report *report);
 
 #endif

@@ -16,8 +16,10 @@ const double *lod_envelope_ladder(uint32_t *count) {
 }
 
 struct lod_envelope_settings lod_envelope_defaults(void) {
-  return (struct lod_envelope_settings){
+  struct lod_envelope_settings settings = {
       .reserve = 0.12, .least_gain = 0.1, .crease_degrees = 30, .collapse = lod_collapse_defaults(), .better = lod_better_defaults()};
+  settings.collapse.attributes = (struct lod_attribute_bounds){.slip = 1, .normal_degrees = 60, .color = 0.25};
+  return settings;
 }
 
 /* One unit on its way through the ladder. */
@@ -28,6 +30,7 @@ struct run {
   struct lod_collapse_settings settings;
   struct lod_arena *level_arena; /* of the current level */
   uint32_t *last_vertex;         /* nested: source vertex -> vertex of the level emitted last; NULL before the first */
+  double least_limit;            /* of its wishes, in its own measure; 0 = it has none */
   uint32_t last_surface;         /* vertices of that level's surface */
   struct lod_envelope_report report;
   enum lod_status status;
@@ -47,7 +50,7 @@ struct ladder {
   uint64_t last_triangles;                                    /* of the level emitted last, or of the source */
 };
 
-static enum lod_status take_wishes(struct run *run, const struct lod_envelope_wishes *wishes, uint8_t *features) {
+static enum lod_status take_wishes(struct run *run, const struct lod_envelope_wishes *wishes, double reserve, uint8_t *features) {
   const struct lod_mesh *mesh = &run->unit->mesh;
   if (wishes->limits != NULL) {
     double margin = LOD_TOLERANCE_CERTIFICATE * lod_mesh_magnitude(mesh);
@@ -55,7 +58,10 @@ static enum lod_status take_wishes(struct run *run, const struct lod_envelope_wi
     if (limits == NULL)
       return LOD_MEMORY;
     for (uint32_t v = 0; v < mesh->vertex_count; v++)
-      limits[v] = fmax(0, wishes->limits[v] - margin);
+      limits[v] = fmax(0, wishes->limits[v] * (1 - reserve) - margin);
+    run->least_limit = INFINITY;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++)
+      run->least_limit = fmin(run->least_limit, wishes->limits[v]);
     run->settings.limits = limits;
   }
   if (wishes->edge_count == 0)
@@ -81,10 +87,12 @@ static enum lod_status start_unit(struct ladder *ladder, struct run *run) {
   struct lod_bvh *bvh;
   uint8_t *features;
   LOD_TRY(lod_bvh_create(mesh, 1, run->arena, &bvh));
-  LOD_TRY(lod_envelope_features(mesh, ladder->settings->crease_degrees, run->arena, &features));
+  double degrees = ladder->settings->collapse.attributes.normal_degrees;
+  double crease = degrees > 0 ? fmin(degrees, ladder->settings->crease_degrees) : ladder->settings->crease_degrees;
+  LOD_TRY(lod_envelope_features(mesh, crease, run->arena, &features));
   run->settings = ladder->settings->collapse;
   if (ladder->settings->wishes != NULL)
-    LOD_TRY(take_wishes(run, &ladder->settings->wishes[run - ladder->runs], features));
+    LOD_TRY(take_wishes(run, &ladder->settings->wishes[run - ladder->runs], ladder->settings->reserve, features));
   return lod_collapser_create(mesh, bvh, features, &run->settings, run->arena, &run->collapser);
 }
 
@@ -95,23 +103,20 @@ static enum lod_status find_parents(struct ladder *ladder, uint32_t u) {
   const struct lod_surface *s = &run->collapser->surface;
   uint32_t count = ladder->meshes[u].vertex_count, level_vertex = 0;
   bool first = run->last_vertex == NULL;
-  if (first && (run->last_vertex = LOD_NEW(run->arena, s->vertex_count, uint32_t)) == NULL)
-    return LOD_MEMORY;
-  uint32_t *parents = first ? NULL : LOD_NEW(run->level_arena, count, uint32_t);
-  if (!first && parents == NULL)
+  uint32_t *parents = LOD_NEW(run->level_arena, count, uint32_t);
+  if (parents == NULL || (first && (run->last_vertex = LOD_NEW(run->arena, s->vertex_count, uint32_t)) == NULL))
     return LOD_MEMORY;
   for (uint32_t v = 0; v < s->vertex_count; v++) {
     if (s->ring_count[v] == 0)
       continue;
     uint32_t origin = run->collapser->origin[v];
-    if (!first)
-      parents[level_vertex] = run->last_vertex[origin];
+    parents[level_vertex] = first ? origin : run->last_vertex[origin];
     run->last_vertex[origin] = level_vertex++; /* origins are all different */
   }
   for (uint32_t i = level_vertex; i < count && !first; i++)
     parents[i] = run->last_surface + i - level_vertex;
   run->last_surface = level_vertex;
-  ladder->parents[u] = parents;
+  ladder->parents[u] = first && count != level_vertex ? NULL : parents; /* whose places in the source are not kept */
   return LOD_OK;
 }
 
@@ -147,14 +152,14 @@ static enum lod_status extract_unit(struct ladder *ladder, uint32_t u) {
   if (ladder->nearby[u] == NULL || ladder->replacements[u] == NULL)
     return LOD_MEMORY;
   LOD_TRY(lod_collapser_extract(run->collapser, run->level_arena, &ladder->meshes[u], ladder->nearby[u]));
-  LOD_TRY(lod_envelope_sample_attributes(run->collapser, run->level_arena, &ladder->meshes[u]));
+  LOD_TRY(lod_envelope_extract_attributes(run->collapser, run->level_arena, &ladder->meshes[u]));
   if (ladder->settings->collapse.vertex_subset)
     LOD_TRY(find_parents(ladder, u));
   LOD_TRY(lod_collapser_replacements(run->collapser, ladder->replacements[u]));
   if (!ladder->settings->collapse.vertex_subset && ladder->settings->wishes == NULL)
     LOD_TRY(take_better(ladder, u));
   run->report = (struct lod_envelope_report){0};
-  return lod_envelope_measure_attributes(run->collapser, run->level_arena, &ladder->meshes[u], &run->report);
+  return lod_envelope_measure_attributes(run->collapser, run->level_arena, &run->report);
 }
 
 static void unit_chunk(void *context, size_t begin, size_t end, size_t chunk) {
@@ -177,6 +182,9 @@ static void add_report(struct lod_envelope_report *sum, const struct lod_envelop
   for (int set = 0; set < LOD_UV_SETS; set++)
     sum->uv[set] = fmax(sum->uv[set], unit->uv[set]);
   sum->normal_degrees = fmax(sum->normal_degrees, unit->normal_degrees);
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    sum->uv_bound[set] = fmax(sum->uv_bound[set], unit->uv_bound[set]);
+  sum->normal_bound = fmax(sum->normal_bound, unit->normal_bound);
 }
 
 static enum lod_status emit_level(struct ladder *ladder, struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
@@ -199,10 +207,18 @@ static enum lod_status emit_level(struct ladder *ladder, struct lod_arena *arena
     }
     struct lod_level level = {
         .meshes = ladder->meshes, .nearby = ladder->nearby, .replacements = ladder->replacements, .bound = ladder->epsilon};
+    level.target = ladder->epsilon / (1 - ladder->settings->reserve);
+    for (uint32_t u = 0; u < ladder->run_count; u++) {
+      double precision = ladder->settings->reserve * fmin(level.target, ladder->runs[u].least_limit * ladder->runs[u].unit->scale);
+      if (precision > 0 && (level.precision == 0 || precision < level.precision))
+        level.precision = precision;
+    }
     level.has_drift = attributes;
     for (int set = 0; set < LOD_UV_SETS; set++)
       level.uv_drift = fmax(level.uv_drift, drift.uv[set]);
     level.normal_drift = drift.normal_degrees;
+    level.uv_bound = fmax(drift.uv_bound[0], drift.uv_bound[1]);
+    level.normal_bound = drift.normal_bound;
     if (ladder->runs[0].last_vertex != NULL && ladder->parents[0] != NULL)
       level.parents = ladder->parents;
     status = sink(sink_context, &level);
@@ -247,6 +263,9 @@ static enum lod_status check_settings(const struct lod_envelope_settings *settin
   if (!(settings->reserve >= 0 && settings->reserve <= 0.9))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-reserve", "The share of epsilon kept for quantisation must be in [0, 0.9], not %g.",
                     settings->reserve);
+  const struct lod_attribute_bounds *a = &settings->collapse.attributes;
+  if (!(a->uv >= 0 && a->slip >= 0 && a->normal_degrees >= 0 && a->color >= 0 && settings->collapse.rms >= 0))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-bound", "Bounds of attributes and of the mean error must be 0 (none) or more.");
   return LOD_OK;
 }
 

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/base/sets.h"
 #include "core/mesh/bvh_tree.h"
 #include "core/mesh/intersect.h"
 
@@ -13,18 +14,6 @@ struct lod_guard {
   uint32_t *slot_of;    /* per face */
   bool *guarded;        /* per face */
 };
-
-static uint32_t find_root(uint32_t *up, uint32_t x) {
-  while (up[x] != x)
-    x = up[x] = up[up[x]];
-  return x;
-}
-
-static void unite(uint32_t *up, uint32_t x, uint32_t y) {
-  x = find_root(up, x);
-  y = find_root(up, y);
-  up[x > y ? x : y] = x > y ? y : x;
-}
 
 static bool on_boundary(const struct lod_surface *s, uint32_t a, uint32_t b) {
   const uint32_t *ring = lod_surface_ring(s, a);
@@ -39,17 +28,15 @@ static bool on_boundary(const struct lod_surface *s, uint32_t a, uint32_t b) {
 /* Faces of components without boundary; returns how many. */
 static uint32_t find_closed(const struct lod_surface *s, uint32_t *up, bool *open, bool *guarded) {
   uint32_t count = 0;
-  for (uint32_t v = 0; v < s->vertex_count; v++)
-    up[v] = v;
   for (uint32_t f = 0; f < s->face_count; f++)
     for (int k = 1; k < 3 && s->face[f][0] != LOD_NONE; k++)
-      unite(up, s->face[f][0], s->face[f][k]);
+      lod_sets_join(up, s->face[f][0], s->face[f][k]);
   for (uint32_t f = 0; f < s->face_count; f++)
     for (int k = 0; k < 3 && s->face[f][0] != LOD_NONE; k++)
       if ((s->feature[f] >> k & 1) && on_boundary(s, s->face[f][k], s->face[f][(k + 1) % 3]))
-        open[find_root(up, s->face[f][0])] = true;
+        open[lod_sets_find(up, s->face[f][0])] = true;
   for (uint32_t f = 0; f < s->face_count; f++) {
-    guarded[f] = s->face[f][0] != LOD_NONE && !open[find_root(up, s->face[f][0])];
+    guarded[f] = s->face[f][0] != LOD_NONE && !open[lod_sets_find(up, s->face[f][0])];
     count += guarded[f];
   }
   return count;
@@ -60,7 +47,7 @@ enum lod_status lod_guard_create(const struct lod_mesh *source, const struct lod
   *out = NULL;
   struct lod_guard *guard = LOD_NEW_ZERO(arena, 1, struct lod_guard);
   struct lod_arena *scratch = lod_arena_create_child(arena);
-  uint32_t *up = scratch == NULL ? NULL : LOD_NEW(scratch, s->vertex_count, uint32_t);
+  uint32_t *up = scratch == NULL ? NULL : lod_sets_create(scratch, s->vertex_count);
   bool *open = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, s->vertex_count, bool);
   if (guard == NULL || up == NULL || open == NULL || (guard->guarded = LOD_NEW(arena, s->face_count, bool)) == NULL ||
       (guard->slot_of = LOD_NEW(arena, s->face_count, uint32_t)) == NULL) {

@@ -7,6 +7,7 @@
 #include "core/envelope/curves.h"
 #include "core/envelope/guard.h"
 #include "core/envelope/surface.h"
+#include "core/envelope/wedges.h"
 
 struct lod_quadric;
 struct witness;
@@ -26,6 +27,7 @@ struct lod_collapser {
   struct lod_surface surface;
   struct lod_certificate *certificate;
   struct lod_curves curves;
+  struct lod_wedges wedges;
   struct lod_guard *guard;     /* NULL: crossings are nobody's concern */
   double epsilon;              /* of the current stage */
   struct lod_quadric *quadric; /* per vertex */

@@ -42,6 +42,9 @@ enum {
    * more than these. */
   MOST_FACES = 500,
   MOST_TRIALS = 8000,
+  /* Where attributes are bounded few edges collapse at the places that quadrics name. */
+  MOST_BOUNDED_FACES = 6000,
+  MOST_BOUNDED_TRIALS = 60000,
 };
 static const double WORK = 2.5e8; /* trials, times source triangles */
 
@@ -73,12 +76,16 @@ static enum lod_status collapse_edge(struct polish *polish, uint32_t a, uint32_t
   double cost[4];
   lod_collapser_placements(c, a, b, false, place, cost);
   struct lod_vec3 normal = lod_vec3_normalize(lod_vec3_add(normal_around(&c->surface, a), normal_around(&c->surface, b)));
+  struct lod_quadric sum = c->quadric[a];
+  lod_quadric_add(&sum, &c->quadric[b]);
   polish->attempt.change.witness = LOD_NONE;
   for (int i = 0; i < PLACES && !*done; i++) {
     double t = next_unit(&polish->random);
     struct lod_vec3 base = i % 2 == 0 ? place[0] : lod_vec3_add_scaled(pa, lod_vec3_subtract(pb, pa), t);
     struct lod_vec3 to = shifted(polish, base, normal, 2 * next_unit(&polish->random) - 1, 0.15 * lod_vec3_distance(pa, pb));
     polish->trials++;
+    if (c->settings.rms > 0 && lod_quadric_value(&sum, to) > c->gate * sum.weight)
+      continue;
     LOD_TRY(lod_attempt_collapse(c, a, b, to, &polish->attempt, done));
   }
   return LOD_OK;
@@ -96,6 +103,7 @@ static void add_fresh(struct polish *polish, uint32_t f, uint32_t a, uint32_t b,
   fresh->face = f;
   polish->attempt.changing[change->face_count++] = f;
   change->changing_count = change->fresh_count = change->face_count;
+  change->placed_count = 0;
   polish->c->face_mark[f] = polish->c->mark;
 }
 
@@ -116,6 +124,15 @@ static bool flip_is_flat(const struct polish *polish, struct lod_vec3 old) {
   return true;
 }
 
+static void flip_wedges(struct polish *polish, uint32_t f, int k, uint32_t g, uint32_t other, uint32_t b) {
+  const struct lod_surface *s = &polish->c->surface;
+  const uint32_t *of_f = polish->c->wedges.corner[f], *of_g = polish->c->wedges.corner[g];
+  uint32_t at_other = of_g[lod_surface_corner(s, g, other)], at_b = of_g[lod_surface_corner(s, g, b)], apex = of_f[(k + 2) % 3];
+  const uint32_t fresh[2][3] = {{of_f[k], at_other, apex}, {at_other, at_b, apex}};
+  for (int i = 0; i < 2; i++)
+    memcpy(polish->attempt.faces[i].wedge, fresh[i], sizeof fresh[i]);
+}
+
 static enum lod_status flip_edge(struct polish *polish, uint32_t f, int k, bool *done) {
   struct lod_collapser *c = polish->c;
   struct lod_surface *s = &c->surface;
@@ -132,6 +149,8 @@ static enum lod_status flip_edge(struct polish *polish, uint32_t f, int k, bool 
   c->mark++;
   add_fresh(polish, f, a, other, apex);
   add_fresh(polish, g, other, b, apex);
+  if (c->wedges.channels != 0)
+    flip_wedges(polish, f, k, g, other, b);
   polish->trials++;
   if (!flip_is_flat(polish, lod_vec3_add(normal_of(p), normal_of(q))))
     return LOD_OK;
@@ -141,6 +160,7 @@ static enum lod_status flip_edge(struct polish *polish, uint32_t f, int k, bool 
   if (!admitted || !lod_guard_allows(c->guard, s, &polish->attempt.change, LOD_NONE, LOD_NONE))
     return LOD_OK;
   LOD_TRY(lod_surface_flip(s, f, k, g));
+  lod_wedges_commit(&c->wedges, &polish->attempt.change);
   lod_guard_follow(c->guard, s, polish->attempt.changing, 2);
   *done = true;
   return lod_certificate_commit(c->certificate, &polish->attempt.change);
@@ -159,6 +179,8 @@ static enum lod_status move_vertex(struct polish *polish, uint32_t v, bool *done
   struct lod_vec3 to = shifted(polish, s->position[v], normal_around(s, v), next_unit(&polish->random) - 0.5, 0.2 * shortest);
   polish->trials++;
   polish->attempt.change.witness = LOD_NONE;
+  if (c->settings.rms > 0 && lod_quadric_value(&c->quadric[v], to) > c->gate * c->quadric[v].weight)
+    return LOD_OK;
   if (!lod_attempt_gather(c, LOD_NONE, v, to, &polish->attempt))
     return LOD_OK;
   enum lod_status status;
@@ -167,6 +189,7 @@ static enum lod_status move_vertex(struct polish *polish, uint32_t v, bool *done
   if (!admitted || !lod_guard_allows(c->guard, s, &polish->attempt.change, LOD_NONE, v))
     return LOD_OK;
   s->position[v] = to;
+  lod_wedges_commit(&c->wedges, &polish->attempt.change);
   lod_guard_follow(c->guard, s, polish->attempt.changing, polish->attempt.change.changing_count);
   LOD_TRY(lod_certificate_commit(c->certificate, &polish->attempt.change));
   *done = true;
@@ -209,10 +232,12 @@ static enum lod_status round_of(struct polish *polish, uint32_t *changed) {
 }
 
 enum lod_status lod_polish_run(struct lod_collapser *c, const struct lod_progress *progress) {
-  if (c->settings.vertex_subset || c->surface.live_faces > MOST_FACES)
+  bool bounded = c->wedges.bounded;
+  if (c->settings.vertex_subset || c->surface.live_faces > (bounded ? MOST_BOUNDED_FACES : MOST_FACES))
     return LOD_OK;
-  double trials = c->settings.polish * WORK / c->mesh->triangle_count;
-  struct polish polish = {.c = c, .random = 1, .most_trials = (uint64_t)fmin(MOST_TRIALS * c->settings.polish, trials)};
+  double trials = c->settings.polish * (bounded ? 4 : 1) * WORK / c->mesh->triangle_count;
+  double most = c->settings.polish * (bounded ? MOST_BOUNDED_TRIALS : MOST_TRIALS);
+  struct polish polish = {.c = c, .random = 1, .most_trials = (uint64_t)fmin(most, trials)};
   lod_attempt_init(c, &polish.attempt);
   for (uint32_t changed = 1; changed > 0 && !spent(&polish);) {
     if (lod_progress_cancelled(progress))

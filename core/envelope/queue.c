@@ -59,6 +59,8 @@ int lod_collapser_placements(const struct lod_collapser *c, uint32_t a, uint32_t
   struct lod_vec3 pa = c->surface.position[a], pb = c->surface.position[b];
   struct lod_quadric q = c->quadric[a];
   lod_quadric_add(&q, &c->quadric[b]);
+  struct lod_quadric geometry = q;
+  lod_wedges_add_quadric(&c->wedges, &c->surface, a, b, c->epsilon * c->epsilon, &q);
   int count = 0;
   place[count++] = pb;
   if (!b_stays) {
@@ -72,7 +74,8 @@ int lod_collapser_placements(const struct lod_collapser *c, uint32_t a, uint32_t
     }
   }
   for (int i = 0; i < count; i++)
-    cost[i] = fmax(0, lod_quadric_value(&q, place[i]));
+    cost[i] = fmax(0, lod_quadric_value(&geometry, place[i])) +
+              c->epsilon * c->epsilon * lod_wedges_cost(&c->wedges, &c->surface, a, b, place[i]);
   for (int i = 1; i < count; i++)
     for (int j = i; j > 0 && cost[j] < cost[j - 1]; j--) {
       double t = cost[j];

@@ -100,9 +100,10 @@ static void classify(struct lod_surface *s, uint32_t v) {
       uint32_t w = s->face[ring[i]][k];
       manifold = manifold && (w == v || edge_faces(s, v, w, NULL, 0) <= 2);
     }
-  s->kind[v] = !manifold || (feature_count != 0 && feature_count != 2) ? LOD_VERTEX_CORNER
-               : feature_count == 0                                    ? LOD_VERTEX_INTERIOR
-                                                                       : LOD_VERTEX_CURVE;
+  s->kind[v] = !manifold            ? LOD_VERTEX_CORNER
+               : feature_count == 0 ? LOD_VERTEX_INTERIOR
+               : feature_count == 2 ? LOD_VERTEX_CURVE
+                                    : LOD_VERTEX_JUNCTION;
 }
 
 static void mark_boundaries(struct lod_surface *s) {
@@ -217,10 +218,25 @@ static bool link_condition(const struct lod_surface *s, uint32_t a, uint32_t b, 
   return true;
 }
 
+static bool on_boundary(const struct lod_surface *s, uint32_t v) {
+  const uint32_t *ring = lod_surface_ring(s, v);
+  for (uint32_t i = 0; i < s->ring_count[v]; i++)
+    for (int k = 0; k < 3; k++)
+      if (s->face[ring[i]][k] != v && edge_faces(s, v, s->face[ring[i]][k], NULL, 0) == 1)
+        return true;
+  return false;
+}
+
+void lod_surface_fix_junctions(struct lod_surface *s) {
+  for (uint32_t v = 0; v < s->vertex_count; v++)
+    if (s->kind[v] == LOD_VERTEX_JUNCTION)
+      s->kind[v] = LOD_VERTEX_CORNER;
+}
+
 bool lod_surface_can_collapse(const struct lod_surface *s, uint32_t a, uint32_t b, bool *b_stays) {
   /* Rows: kind of a (which vanishes); columns: kind of b. 0 never; 1 freely; 2 to b's place; 3 freely along a feature; 4 to b's place along
    * a feature. A vertex on a feature must not leave it, a corner must not move. */
-  static const uint8_t kRule[3][3] = {{1, 2, 2}, {0, 3, 4}, {0, 0, 0}};
+  static const uint8_t kRule[4][4] = {{1, 2, 2, 2}, {0, 3, 4, 4}, {0, 0, 3, 4}, {0, 0, 0, 0}};
   uint8_t rule = kRule[s->kind[a]][s->kind[b]];
   if (rule == 0)
     return false;
@@ -229,6 +245,9 @@ bool lod_surface_can_collapse(const struct lod_surface *s, uint32_t a, uint32_t 
   if (count == 0 || count > 2 || s->ring_count[a] > 64 || s->ring_count[b] > 64)
     return false;
   if (rule >= 3 && !edge_is_feature(s, list[0], a, b))
+    return false;
+  /* A line from boundary to boundary keeps them apart. */
+  if (s->kind[a] == LOD_VERTEX_JUNCTION && count == 2 && on_boundary(s, a) && on_boundary(s, b))
     return false;
   /* The two other edges of a face that dies become one: two features must not. */
   for (uint32_t i = 0; i < count; i++) {

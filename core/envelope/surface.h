@@ -8,6 +8,7 @@
 enum lod_vertex_kind {
   LOD_VERTEX_INTERIOR, /* one disc of faces, no feature edge */
   LOD_VERTEX_CURVE,    /* on one feature polyline: exactly two feature edges */
+  LOD_VERTEX_JUNCTION, /* where feature lines end or meet, else a disc or half a disc: may merge with another along a line */
   LOD_VERTEX_CORNER,   /* anything else: stays where it is */
 };
 
@@ -44,6 +45,9 @@ bool lod_surface_smooth_neighbours(const struct lod_surface *surface, uint32_t f
 
 /* The far ends of v's feature edges; at most two are listed, the number of all of them (up to 3) is returned. */
 uint32_t lod_surface_feature_ends(const struct lod_surface *surface, uint32_t v, uint32_t ends[2]);
+
+/* Makes corners of all junctions. */
+void lod_surface_fix_junctions(struct lod_surface *surface);
 
 /* Whether collapsing edge (a, b) keeps the topology and lets features be; *b_stays: the result must stay at b's place. */
 bool lod_surface_can_collapse(const struct lod_surface *surface, uint32_t a, uint32_t b, bool *b_stays);

@@ -22,7 +22,7 @@ struct lod_level {
   /* Per unit: source triangle -> level primitive (bvh.h numbering) it became or lies near, or LOD_NONE; or NULL. Hints for certification.
    */
   uint32_t *const *nearby;
-  /* Per unit: level vertex -> vertex of the next finer level emitted before (nested families); or NULL. */
+  /* Per unit: level vertex -> vertex of the next finer level emitted before, of the source for the first (nested families); or NULL. */
   uint32_t *const *parents;
   /* Per unit: source vertex -> level triangle that replaces it, near it, so that the vertex can move there (Varshney 1995, 6.5), LOD_NONE
    * where it names no triangle; or NULL. */
@@ -31,7 +31,14 @@ struct lod_level {
   bool has_drift;
   double uv_drift;     /* the most in any set, units of UV */
   double normal_drift; /* degrees */
-  double bound;        /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
+  /* Where the family proves it: every point of the source has a point of the level within `bound` whose UV and interpolated normals differ
+   * by no more, before quantisation. INFINITY = not proven; 0 = there are none. */
+  double uv_bound, normal_bound;
+  double bound; /* proven bound of the two-sided distance before quantisation, model units; INFINITY = none */
+  /* With a bound, the error that the level was asked for: quantisation may use whatever keeps the decoded level within it, and faces must
+   * not cross because of it. 0 = nobody asked. Model units. */
+  double target;
+  double precision; /* with a target, the most that quantisation may take; 0 = what the target leaves */
   double expected; /* without a bound: about the distance, by a measure that proves nothing; 0 = not known. Leads the choice of precision */
   double cell;     /* width of the clustering cell; 0 = none */
   const struct lod_level_patches *patches; /* or NULL */

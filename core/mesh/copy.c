@@ -9,23 +9,12 @@ enum lod_status lod_mesh_copy(const struct lod_mesh *mesh, struct lod_arena *are
 #define ARRAY(field, n)                                                                                                                    \
   { (void **)&copy->field, mesh->n, sizeof *mesh->field }
   const struct array arrays[] = {
-      ARRAY(positions, vertex_count),
-      ARRAY(triangles, triangle_count),
-      ARRAY(corners, triangle_count),
-      ARRAY(wedge_vertex, wedge_count),
-      ARRAY(normals, wedge_count),
-      ARRAY(uvs[0], wedge_count),
-      ARRAY(uvs[1], wedge_count),
-      ARRAY(colors, wedge_count),
-      ARRAY(materials, triangle_count),
-      ARRAY(parts, triangle_count),
-      ARRAY(edges, edge_count),
-      ARRAY(edge_thickness, edge_count),
-      ARRAY(edge_materials, edge_count),
-      ARRAY(edge_parts, edge_count),
-      ARRAY(points, point_count),
-      ARRAY(point_thickness, point_count),
-      ARRAY(point_materials, point_count),
+      ARRAY(positions, vertex_count),    ARRAY(limits, vertex_count),         ARRAY(triangles, triangle_count),
+      ARRAY(corners, triangle_count),    ARRAY(wedge_vertex, wedge_count),    ARRAY(normals, wedge_count),
+      ARRAY(uvs[0], wedge_count),        ARRAY(uvs[1], wedge_count),          ARRAY(colors, wedge_count),
+      ARRAY(materials, triangle_count),  ARRAY(parts, triangle_count),        ARRAY(edges, edge_count),
+      ARRAY(edge_thickness, edge_count), ARRAY(edge_materials, edge_count),   ARRAY(edge_parts, edge_count),
+      ARRAY(points, point_count),        ARRAY(point_thickness, point_count), ARRAY(point_materials, point_count),
       ARRAY(point_parts, point_count),
   };
 #undef ARRAY

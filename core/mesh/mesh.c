@@ -289,6 +289,19 @@ static void mark_used(const uint32_t *indices, size_t count, uint32_t *map) {
     map[indices[i]] = 0;
 }
 
+/* Of vertices that become one, the least. */
+static bool gather_limits(const struct lod_mesh *mesh, const uint32_t *map, struct lod_arena *arena, struct lod_mesh *out) {
+  if (mesh->limits == NULL)
+    return true;
+  out->limits = LOD_NEW(arena, out->vertex_count, float);
+  for (uint32_t v = 0; out->limits != NULL && v < out->vertex_count; v++)
+    out->limits[v] = INFINITY;
+  for (uint32_t v = 0; out->limits != NULL && v < mesh->vertex_count; v++)
+    if (map[v] != LOD_NONE && mesh->limits[v] < out->limits[map[v]])
+      out->limits[map[v]] = mesh->limits[v];
+  return out->limits != NULL;
+}
+
 static bool weld_vertices(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_arena *scratch, struct lod_mesh *out,
                           uint32_t *map) {
   mark_used((const uint32_t *)mesh->triangles, (size_t)mesh->triangle_count * 3, map);
@@ -300,6 +313,8 @@ static bool weld_vertices(const struct lod_mesh *mesh, struct lod_arena *arena, 
       !gather((const float *)mesh->positions, 3, map, mesh->vertex_count, out->vertex_count, arena, &positions))
     return false;
   out->positions = (float(*)[3])positions;
+  if (!gather_limits(mesh, map, arena, out))
+    return false;
   return (mesh->triangle_count == 0 ||
           remap((const uint32_t *)mesh->triangles, (size_t)mesh->triangle_count * 3, map, arena, &out->triangles)) &&
          (mesh->edge_count == 0 || remap((const uint32_t *)mesh->edges, (size_t)mesh->edge_count * 2, map, arena, &out->edges)) &&

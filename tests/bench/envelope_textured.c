@@ -21,7 +21,7 @@ struct textured {
   struct lod_model model;
   double diagonal, epsilon, started;
   struct lod_envelope_report report;
-  const char *aim;
+  const char *aim, *who;
 };
 
 static double texture_width(const struct lod_model *model) {
@@ -86,7 +86,7 @@ static enum lod_status take_level(void *context, const struct lod_level *level) 
   size_t bytes = level_bytes(t, level->meshes, &error);
   for (int set = 0; set < LOD_UV_SETS; set++)
     uv = fmax(uv, t->report.uv[set]);
-  print_row(t, "envelope", all_triangles(t, level->meshes), bytes, error, uv * texture_width(&t->model), t->report.normal_degrees, seconds);
+  print_row(t, t->who, all_triangles(t, level->meshes), bytes, error, uv * texture_width(&t->model), t->report.normal_degrees, seconds);
   return LOD_OK;
 }
 
@@ -202,10 +202,16 @@ bool bench_textured(const char *path, const double *percents, const char *const 
   const char *name = strrchr(path, '/');
   printf("\n%s: %llu triangles, seams and normals kept; bytes of the GLB without textures\n", name == NULL ? path : name + 1,
          (unsigned long long)t.model.source_triangles);
-  for (int i = 0; i < count; i++) {
+  for (int i = 0; i < 3 * count; i++) {
+    static const char *const kNames[3] = {"4 texels, 10 deg", "the default", "no bounds"};
     struct lod_envelope_settings settings = lod_envelope_defaults();
-    t.epsilon = percents[i] / 100 * t.diagonal;
-    t.aim = aims == NULL ? "" : aims[i];
+    t.epsilon = percents[i / 3] / 100 * t.diagonal;
+    t.aim = aims == NULL || i % 3 != 0 ? "" : aims[i / 3];
+    t.who = kNames[i % 3];
+    if (i % 3 != 1)
+      settings.collapse.attributes = (struct lod_attribute_bounds){0, 0, 0, 0};
+    if (i % 3 == 0)
+      settings.collapse.attributes = (struct lod_attribute_bounds){.uv = 4 / texture_width(&t.model), .normal_degrees = 10};
     t.started = cpu_seconds();
     settings.epsilons = &t.epsilon;
     settings.epsilon_count = 1;
@@ -215,7 +221,8 @@ bool bench_textured(const char *path, const double *percents, const char *const 
     settings.reports = &t.report;
     must(lod_envelope_family.build(t.model.units, t.model.unit_count, &settings, NULL, t.arena, take_level, &t, &problem));
     t.aim = "";
-    bench_peer(&t);
+    if (i % 3 == 2)
+      bench_peer(&t);
   }
   close(fd);
   cli_file_close(&file);

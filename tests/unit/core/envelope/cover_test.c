@@ -1,24 +1,30 @@
-/* The checklist of Varshney et al. 1995 (algorithms 1.4), and where each line is proven:
+/* The checklist of Varshney et al. 1995 (algorithms 1.4), and where each line is proven; [x] is done.
  *
- * [x] P4-1  two-sided, topology kept, vertices a subset: property/cover_test, property/envelope_test (certified collapse)
- * [x] P4-2  validator, two kinds of vertices: the_validator_...
- * [x] P4-3  edge half-spaces, plane or bilinear patch: a_point_of_a_prism_is_found_again, sides_of_equal_normals_are_planes,
- *           a_patch_is_met_where_sampling_says
- * [x] P4-4  fundamental prism: prism.h, the same tests
- * [x] P4-5  offsets that do not meet: offsets_of_two_plates_..., no_offset_surface_meets_another (both rules, both sides). A tree of boxes
- * in place of the octree [x] P4-6  candidate edges and triangles: a_candidate_meets_no_offset_surface [x] P4-7  covered vertices:
- * a_vertex_is_covered_when_its_fiber_meets_the_triangle, against brute force [x] P4-8  set partition over vertices, greedy cost 1 / |set|:
- * cover.h; the version over faces of all projected segments is documented there (O(n^7)) and not built [x] P4-9  largest uncovered set
- * first: the_largest_triangle_goes_in_first. What overlaps is not discarded but replaced, see P4-11 [x] P4-10 overlap: signs with fibers
- * instead of a linear program per prism; a flat square of any grid ends as two triangles, which one false answer would prevent;
- * property/cover_test finds no crossing [x] P4-11 complete mesh at every step, hole filled with the triangle in it: property/cover_test
- * (topology after every run) [x] P4-12 alpha (1 + lg d): the_reported_bound_is_below_known_optima [x] P4-13 interpolation:
- * every_vertex_moves_to_a_triangle_within_epsilon [x] P4-14 preserved edges: preserved_edges_stay [x] P4-15 epsilon by region:
- * a_region_of_no_epsilon_keeps_its_surface [x] P4-16 cascade and direct, errors do not add:
- * a_cascade_is_nested_and_certified_against_the_source [x] P4-17 percent of the diagonal: lod_envelope_ladder, `lodestream bake --epsilon
- * 1%` [x] P4-18 choice by pixels: core/level/screen [x] P4-19 removing vertices: vertices_alone_reach_the_flat_optimum [x] P4-20 numbers:
- * `make bench-envelope` prints the table over an assembly's parts [x] P4-21 limitations: cover.h says that symmetry is not kept; slivers
- * are no danger to exact signs */
+ * - [x] P4-1 two-sided, topology kept, vertices a subset: property/cover_test, property/envelope_test (certified collapse)
+ * - [x] P4-2 validator, two kinds of vertices: the_validator_...
+ * - [x] P4-3 edge half-spaces, plane or bilinear patch: a_point_of_a_prism_is_found_again, sides_of_equal_normals_are_planes,
+ *   a_patch_is_met_where_sampling_says
+ * - [x] P4-4 fundamental prism: prism.h, the same tests
+ * - [x] P4-5 offsets that do not meet: offsets_of_two_plates_..., no_offset_surface_meets_another (both rules, both sides). A tree of
+ *   boxes in place of the octree
+ * - [x] P4-6 candidate edges and triangles: a_candidate_meets_no_offset_surface
+ * - [x] P4-7 covered vertices: a_vertex_is_covered_when_its_fiber_meets_the_triangle, against brute force
+ * - [x] P4-8 set partition over vertices, greedy cost 1 / |set|: cover.h; the version over faces of all projected segments is documented
+ *   there (O(n^7)) and not built
+ * - [x] P4-9 largest uncovered set first: the_largest_triangle_goes_in_first. What overlaps is not discarded but replaced, see P4-11
+ * - [x] P4-10 overlap: signs with fibers instead of a linear program per prism; a flat square of any grid ends as two triangles, which
+ *   one false answer would prevent; property/cover_test finds no crossing
+ * - [x] P4-11 complete mesh at every step, hole filled with the triangle in it: property/cover_test (topology after every run)
+ * - [x] P4-12 alpha (1 + lg d): the_reported_bound_is_below_known_optima
+ * - [x] P4-13 interpolation: every_vertex_moves_to_a_triangle_within_epsilon
+ * - [x] P4-14 preserved edges: preserved_edges_stay
+ * - [x] P4-15 epsilon by region: a_region_of_no_epsilon_keeps_its_surface; of a file's vertices: tests/http/cli.test.mjs
+ * - [x] P4-16 cascade and direct, errors do not add: a_cascade_is_nested_and_certified_against_the_source
+ * - [x] P4-17 percent of the diagonal: lod_envelope_ladder, `lodestream bake --epsilon 1%`
+ * - [x] P4-18 choice by pixels: core/level/screen
+ * - [x] P4-19 removing vertices: vertices_alone_reach_the_flat_optimum
+ * - [x] P4-20 numbers: `make bench-envelope` prints the table over an assembly's parts
+ * - [x] P4-21 limitations: cover.h says that symmetry is not kept; slivers are no danger to exact signs */
 #include "core/envelope/cover.h"
 
 #include <math.h>
