@@ -56,6 +56,8 @@ static const struct setting {
     {"families", "NAMES", TEXT, AT(families), "cluster", 0, 0, "Families that a model is first served with, separated by commas."},
     {"later-families", "NAMES", TEXT, AT(later_families), "envelope", 0, 0,
      "Families that a second bake adds once the model is served; \"\" for none."},
+    {"envelope", "KEY=VALUE,...", TEXT, AT(envelope), "", 0, 0,
+     "How bakes make the family envelope, as `lodestream bake --envelope`: nested=1 for deltas between its levels."},
     {"bakes", "N", COUNT, AT(bakes), "1", 1, 64, "Bakes at once, each in a process of its own."},
     {"bake-threads", "N", COUNT, AT(bake_threads), "0", 0, 256, "Threads of one bake; 0: one a processor."},
     {"bake-queue", "N", COUNT, AT(bake_queue), "64", 1, 100000, "Bakes that may wait; more are refused with 503."},

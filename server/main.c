@@ -85,6 +85,7 @@ static enum lod_status start_jobs(struct daemon *daemon, struct lod_problem *pro
   settings.limits_json = daemon->limits_json;
   settings.families = config->families;
   settings.later_families = config->later_families;
+  settings.envelope = config->envelope;
   settings.log = log_line;
   settings.changed = job_changed;
   settings.context = daemon;

@@ -14,6 +14,7 @@
 #include "clients/cli/cli.h"
 #include "clients/cli/leftovers.h"
 #include "core/level/hierarchy.h"
+#include "server/worker/envelope_recipe.h"
 #include "server/worker/retile_recipe.h"
 
 static int run(int argc, char **argv);
@@ -28,6 +29,10 @@ static const struct cli_option kOptions[] = {
      "How retile works; may be repeated: mode=turk (the paper's own), placement=elimination|turk, curvature=tensor|turk|none,\n"
      "measure=cost|length|angle, projection=polar|planes, and by number adapt, anisotropy, lead, settle, prune, steps, damping, radius,\n"
      "flips, crease, seed, ratio, least."},
+    {"envelope", 0, "KEY=VALUE",
+     "How envelope works; may be repeated: nested=1 (vertices of levels are vertices of finer ones, with deltas), guard=all|closed|none\n"
+     "(where faces must not newly cross), rms (most of the mean error, a share of the greatest), and what attributes may be off by:\n"
+     "slip (of textures, in errors of the level; 1), texels, degrees (of normals; 60), color; 0 = no bound."},
     {"edges", 0, "FILE", "Edges that the family envelope keeps: a line each, x y z of both ends. codec/FORMAT.md, section 8."},
     {"format", 0, "NAME", "The file's format, where its content does not tell."},
     {"id", 0, "ID", "The model's id in the manifest. Default: the file's name without its ending."},
@@ -160,6 +165,11 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
     if (request->retile_option_count == LOD_BAKE_MAX_LIST || lod_retile_recipe_option(value, &ignored, NULL) != LOD_OK)
       return cli_usage(&cli_bake, "--retile %s: expected KEY=VALUE as listed under --help", value);
     request->retile_options[request->retile_option_count++] = value;
+  } else if (strcmp(option->name, "envelope") == 0) {
+    struct lod_envelope_options ignored = lod_envelope_options_defaults();
+    if (request->envelope_option_count == LOD_BAKE_MAX_LIST || lod_envelope_recipe_option(value, &ignored, NULL) != LOD_OK)
+      return cli_usage(&cli_bake, "--envelope %s: expected KEY=VALUE as listed under --help", value);
+    request->envelope_options[request->envelope_option_count++] = value;
   } else if (strcmp(option->name, "patches") == 0) {
     if (!parse_list(value, request->patches, &request->patches_count))
       return cli_usage(&cli_bake, "--patches %s: expected at most %d whole numbers above 0, such as 200,800,3200", value,

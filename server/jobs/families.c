@@ -35,3 +35,9 @@ enum lod_status lod_family_lists(const char *first, const char *later, json_t **
   }
   return LOD_OK;
 }
+
+json_t *lod_option_list(const char *text) {
+  json_t *list = json_array();
+  append_names(list, text);
+  return list;
+}

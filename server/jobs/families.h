@@ -12,4 +12,7 @@
 LOD_WARN_UNUSED enum lod_status lod_family_lists(const char *first, const char *later, json_t **first_list, json_t **all_list,
                                                  struct lod_problem *problem);
 
+/* The options in `text`, separated by commas or spaces, as a list of strings; NULL when memory is out. */
+json_t *lod_option_list(const char *text);
+
 #endif

@@ -26,7 +26,8 @@ struct lod_jobs_settings {
   /* Families that are baked, with the first ones, by a second job once the model is served: uploads are there in seconds, and what needs
    * minutes comes after. NULL or "" = none; else `families` must be set. */
   const char *later_families;
-  const char *limits_json;                      /* import limits object for the 'J' frame, or NULL = defaults */
+  const char *envelope;    /* options of that family, "key=value" separated by commas; NULL or "" = none. The worker knows them */
+  const char *limits_json; /* import limits object for the 'J' frame, or NULL = defaults */
   void (*changed)(void *context, uint64_t job); /* called from any thread whenever a job's state, stage or progress changes */
   void *context;
   void (*log)(void *context, const char *line); /* a line for the operator's log, from any thread; NULL = standard error */

@@ -9,6 +9,7 @@
 
 #include <sys/stat.h>
 
+#include "server/jobs/families.h"
 #include "server/jobs/queue.h"
 #include "server/jobs/watch.h"
 #include "server/store/files.h"
@@ -51,9 +52,9 @@ static char *job_payload(const struct lod_jobs *jobs, const struct job *job) {
   /* Below the process's own limit: the worker's allocations meet theirs first, and it can say so. */
   json_object_set_new(limits, "memory_bytes", json_integer((json_int_t)(jobs->settings.memory_limit_bytes / 8 * 7)));
   json_object_set_new(limits, "seconds", json_integer(jobs->settings.deadline_seconds));
-  json_t *root =
-      json_pack("{s:s, s:s, s:s, s:s?, s:O, s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format", job->format,
-                "families", job->later ? jobs->later_families : jobs->families, "threads", (int)jobs->settings.threads, "limits", limits);
+  json_t *root = json_pack("{s:s, s:s, s:s, s:s?, s:O, s:o, s:i, s:o}", "job", "bake", "id", job->facts.id, "name", job->name, "format",
+                           job->format, "families", job->later ? jobs->later_families : jobs->families, "envelope",
+                           lod_option_list(jobs->settings.envelope), "threads", (int)jobs->settings.threads, "limits", limits);
   char *text = root == NULL ? NULL : json_dumps(root, JSON_COMPACT);
   json_decref(root);
   return text;

@@ -11,10 +11,12 @@
 #include "core/cluster/cluster.h"
 #include "core/envelope/envelope.h"
 #include "core/mesh/copy.h"
+#include "core/mesh/intersect.h"
 #include "core/mesh/topology.h"
 #include "core/retile/retile.h"
 #include "server/worker/deltas.h"
 #include "server/worker/edges.h"
+#include "server/worker/envelope_recipe.h"
 #include "server/worker/levels.h"
 #include "server/worker/manifest.h"
 #include "server/worker/patches.h"
@@ -148,26 +150,11 @@ struct bake {
 
 static enum lod_status envelope_settings(const struct lod_bake_request *request, double diagonal, struct lod_arena *arena,
                                          const void **settings) {
-  struct lod_envelope_settings *envelope = LOD_NEW(arena, 1, struct lod_envelope_settings);
-  double *epsilons = LOD_NEW(arena, LOD_BAKE_MAX_LIST + 1, double);
-  if (envelope == NULL || epsilons == NULL)
-    return LOD_MEMORY;
-  *envelope = lod_envelope_defaults();
-  envelope->threads = request->threads;
-  envelope->epsilons = epsilons;
-  if (request->epsilon_count != 0) {
-    bool coplanar = false; /* 0 asks for the source without what is coplanar in it; other errors this small are for its own levels */
-    for (uint32_t i = 0; i < request->epsilon_count; i++)
-      coplanar = coplanar || !(request->epsilons[i] > 0);
-    epsilons[0] = 0;
-    envelope->epsilon_count = coplanar + requested_errors(request, diagonal, epsilons + coplanar);
-    envelope->least_gain = 0; /* what was asked for comes */
-  } else {
-    const double *ladder = lod_envelope_ladder(&envelope->epsilon_count);
-    for (uint32_t i = 0; i < envelope->epsilon_count; i++)
-      epsilons[i] = ladder[i] * diagonal;
-  }
-  *settings = envelope->epsilon_count == 0 ? NULL : envelope;
+  double errors[LOD_BAKE_MAX_LIST];
+  uint32_t count = requested_errors(request, diagonal, errors);
+  const struct lod_envelope_settings *envelope;
+  LOD_TRY(lod_envelope_recipe(request, errors, count, diagonal, arena, &envelope, NULL)); /* checked in choose_families */
+  *settings = envelope;
   return LOD_OK;
 }
 
@@ -230,6 +217,9 @@ static enum lod_status choose_families(struct bake *bake) {
   struct lod_retile_settings ignored = lod_retile_defaults();
   for (uint32_t i = 0; i < request->retile_option_count; i++)
     LOD_TRY(lod_retile_recipe_option(request->retile_options[i], &ignored, bake->problem));
+  struct lod_envelope_options unused = lod_envelope_options_defaults();
+  for (uint32_t i = 0; i < request->envelope_option_count; i++)
+    LOD_TRY(lod_envelope_recipe_option(request->envelope_options[i], &unused, bake->problem));
   for (uint32_t k = 0; k < RECIPE_COUNT; k++)
     if (chosen[k] || (request->family_count == 0 && kRecipes[k].by_default)) {
       bake->recipes[bake->family_count] = &kRecipes[k];
@@ -483,11 +473,10 @@ static enum lod_status gather_levels(struct bake *bake, uint32_t index, struct f
   }
   if (settings == NULL)
     return LOD_OK;
-  if (family->family == &lod_envelope_family && bake->wishes != NULL) {
-    struct lod_envelope_settings *envelope = lod_arena_copy(bake->arena, settings, sizeof *envelope);
-    if (envelope == NULL)
+  if (family->family == &lod_envelope_family) {
+    const struct lod_envelope_settings *envelope = settings;
+    if (lod_envelope_recipe_fit(&bake->model, bake->wishes, bake->arena, &envelope) != LOD_OK)
       return lod_fail_memory(bake->problem);
-    envelope->wishes = bake->wishes;
     settings = envelope;
   }
   return family->family->build(bake->model.units, bake->model.unit_count, settings, &job->build.step, bake->arena, receive_level, job,
@@ -555,7 +544,8 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
       LOD_TRY(
           lod_output_object(bake->request->directory_fd, level->patches.bytes, level->patches.size, level->patches.object, bake->problem));
   }
-  if (!family->family->nested)
+  bool nested = family->family->nested || (family->family == &lod_envelope_family && lod_envelope_recipe_nests(bake->request));
+  if (!nested)
     return LOD_OK;
   struct lod_deltas_request deltas = {.model = &bake->model,
                                       .levels = family->levels,
@@ -567,26 +557,42 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
   return lod_deltas_bake(&deltas, bake->arena, bake->problem);
 }
 
+static enum lod_status warn(struct bake *bake, const char *sentence, uint64_t count) {
+  enum { LENGTH = 240 };
+  const char **warnings = LOD_NEW(bake->arena, (size_t)bake->model.warning_count + 1, const char *);
+  char *text = LOD_NEW(bake->arena, LENGTH, char);
+  if (warnings == NULL || text == NULL)
+    return lod_fail_memory(bake->problem);
+  snprintf(text, LENGTH, "envelope: %llu %s", (unsigned long long)count, sentence);
+  if (bake->model.warning_count != 0)
+    memcpy(warnings, bake->model.warnings, bake->model.warning_count * sizeof *warnings);
+  warnings[bake->model.warning_count++] = text;
+  bake->model.warnings = warnings;
+  return LOD_OK;
+}
+
 /* What `envelope` cannot promise of this source. */
 static enum lod_status warn_of_topology(struct bake *bake) {
   bool envelope = false;
+  uint64_t crossing = 0;
   for (uint32_t i = 0; i < bake->family_count; i++)
     envelope = envelope || bake->families[i].family == &lod_envelope_family;
-  if (!envelope || bake->source.non_manifold_edges == 0)
-    return LOD_OK;
-  enum { LENGTH = 200 };
-  const char **warnings = LOD_NEW(bake->arena, (size_t)bake->model.warning_count + 1, const char *);
-  char *sentence = LOD_NEW(bake->arena, LENGTH, char);
-  if (warnings == NULL || sentence == NULL)
-    return lod_fail_memory(bake->problem);
-  snprintf(sentence, LENGTH,
-           "envelope: %llu edges have more than two triangles; levels are within their errors and keep these edges as "
-           "lines, but that faces keep clear of one another is not promised there.",
-           (unsigned long long)bake->source.non_manifold_edges);
-  if (bake->model.warning_count != 0)
-    memcpy(warnings, bake->model.warnings, bake->model.warning_count * sizeof *warnings);
-  warnings[bake->model.warning_count++] = sentence;
-  bake->model.warnings = warnings;
+  for (uint32_t u = 0; envelope && u < bake->model.unit_count; u++) {
+    struct lod_crossings crossings;
+    if (lod_intersect_count(&bake->model.units[u].mesh, bake->baker.source_bvhs[u], bake->arena, NULL, &crossings) != LOD_OK)
+      return lod_fail_memory(bake->problem);
+    crossing += crossings.triangles;
+  }
+  if (envelope && bake->source.non_manifold_edges != 0)
+    LOD_TRY(warn(bake,
+                 "edges have more than two triangles; levels are within their errors and keep these edges as lines, but that faces "
+                 "keep clear of one another is not promised there.",
+                 bake->source.non_manifold_edges));
+  if (crossing != 0)
+    LOD_TRY(warn(bake,
+                 "triangles of the source cross others; levels are within their errors and cross no more than it does, but have no inside "
+                 "and outside there.",
+                 crossing));
   return LOD_OK;
 }
 

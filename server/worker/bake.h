@@ -32,6 +32,8 @@ struct lod_bake_request {
   uint32_t vertices_count;
   const char *retile_options[LOD_BAKE_MAX_LIST]; /* "key=value", retile_recipe.h. Not owned */
   uint32_t retile_option_count;
+  const char *envelope_options[LOD_BAKE_MAX_LIST]; /* "key=value", envelope_recipe.h. Not owned */
+  uint32_t envelope_option_count;
   uint32_t patches[LOD_BAKE_MAX_LIST]; /* patches of each level of the family clod; none = its ladder of errors */
   uint32_t patches_count;
   bool patches_search; /* clod by the paper's search for patterns (lod_clod_search) instead of by least certified error */

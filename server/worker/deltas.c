@@ -249,7 +249,7 @@ static enum lod_status follow(const struct lod_deltas_request *request, uint32_t
   for (; level > fine && level >= request->source_levels; level--) {
     const struct lod_level *made = &request->made[level];
     uint32_t *step = NULL;
-    if (level > request->source_levels)
+    if (level > request->source_levels || made->images == NULL)
       step = made->parents == NULL ? NULL : made->parents[u];
     else if (made->images != NULL && made->images[u] != NULL)
       LOD_TRY(nearest_images(source, &made->meshes[u], made->images[u], arena, &step));

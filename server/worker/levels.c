@@ -6,6 +6,7 @@
 
 #include "codec/export/glb.h"
 #include "core/base/tolerance.h"
+#include "core/mesh/intersect.h"
 #include "server/worker/certify.h"
 
 static enum lod_status certify(const struct lod_level_baker *baker, const struct lod_level *level, const struct lod_mesh *decoded,
@@ -87,9 +88,23 @@ static enum lod_status certify_patches(const struct lod_level_baker *baker, cons
   return LOD_OK;
 }
 
-/* One attempt at one precision. */
+static enum lod_status count_crossings(const struct lod_model *model, const struct lod_mesh *meshes, struct lod_arena *arena,
+                                       uint64_t *pairs) {
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  enum lod_status status = scratch == NULL ? LOD_MEMORY : LOD_OK;
+  *pairs = 0;
+  for (uint32_t u = 0; status == LOD_OK && u < model->unit_count; u++) {
+    struct lod_crossings crossings;
+    status = lod_intersect_count(&meshes[u], NULL, scratch, NULL, &crossings);
+    *pairs += status == LOD_OK ? crossings.pairs : 0;
+  }
+  lod_arena_destroy(scratch);
+  return status;
+}
+
+/* One attempt at one precision. crossings: of the decoded level; or NULL. */
 static enum lod_status encode(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
-                              struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem) {
+                              struct lod_arena *arena, uint64_t *crossings, struct lod_baked_level *baked, struct lod_problem *problem) {
   const struct lod_model *model = baker->model;
   struct lod_glb_settings settings = lod_glb_defaults();
   settings.position_error = position_error;
@@ -110,6 +125,8 @@ static enum lod_status encode(const struct lod_level_baker *baker, const struct 
     status = lod_glb_read(baked->bytes, baked->size, model, scratch, decoded, problem);
   if (status == LOD_OK)
     status = certify(baker, level, decoded, position_error, scratch, unit_errors, &baked->error);
+  if (status == LOD_OK && crossings != NULL)
+    status = count_crossings(model, decoded, scratch, crossings);
   if (status == LOD_OK && level->patches != NULL)
     status = certify_patches(baker, level, scratch, unit_errors, baked);
   if (status == LOD_OK)
@@ -118,39 +135,97 @@ static enum lod_status encode(const struct lod_level_baker *baker, const struct 
   return status;
 }
 
+/* What a trial of a precision has made. */
+struct trial {
+  struct lod_arena *arena;
+  struct lod_baked_level result;
+  uint64_t crossings; /* pairs of triangles that cross as decoded */
+};
+
+static enum lod_status begin_trial(const struct lod_level_baker *baker, const struct lod_level *level, double quantisation,
+                                   struct lod_arena *arena, struct trial *trial, struct lod_problem *problem) {
+  *trial = (struct trial){.arena = lod_arena_create_child(arena)};
+  trial->result = (struct lod_baked_level){.cell = level->cell,
+                                           .has_drift = level->has_drift,
+                                           .uv_drift = level->uv_drift,
+                                           .normal_drift = level->normal_drift,
+                                           .uv_bound = level->uv_bound,
+                                           .normal_bound = level->normal_bound};
+  if (trial->arena == NULL)
+    return lod_fail_memory(problem);
+  enum lod_status status =
+      encode(baker, level, quantisation, trial->arena, level->target > 0 ? &trial->crossings : NULL, &trial->result, problem);
+  if (status != LOD_OK)
+    lod_arena_destroy(trial->arena);
+  return status;
+}
+
+static enum lod_status keep_trial(const struct lod_level_baker *baker, struct trial *trial, struct lod_arena *arena,
+                                  struct lod_baked_level *baked, struct lod_problem *problem) {
+  *baked = trial->result;
+  baked->bytes = lod_arena_copy(arena, trial->result.bytes, trial->result.size);
+  baked->parts = lod_arena_copy(arena, trial->result.parts, baker->model->part_count * sizeof *baked->parts);
+  lod_arena_destroy(trial->arena);
+  return baked->bytes == NULL || baked->parts == NULL ? lod_fail_memory(problem) : LOD_OK;
+}
+
+/* Precisions that are tried for a level that was asked for, as shares of its error, coarse to fine. */
+static const double kShares[] = {0.25, 0.18, 0.12, 0.08, 0.04, 0.02, 0.01};
+enum { SHARES = sizeof kShares / sizeof kShares[0] };
+
+/* The coarsest of them whose decoded level keeps to the error and crosses itself no more than before; when none does, the last that kept to
+ * the error with the fewest crossings. */
+static enum lod_status bake_to_target(const struct lod_level_baker *baker, const struct lod_level *level, struct lod_arena *arena,
+                                      struct lod_baked_level *baked, struct lod_problem *problem) {
+  uint64_t before;
+  struct trial best = {.arena = NULL}, trial;
+  if (count_crossings(baker->model, level->meshes, arena, &before) != LOD_OK)
+    return lod_fail_memory(problem);
+  double least = 1e-6 * baker->diagonal;
+  for (int i = 0; i < SHARES; i++) {
+    double quantisation = kShares[i] * level->target;
+    if (level->precision > 0 && quantisation > level->precision && i + 1 < SHARES && kShares[i + 1] * level->target >= level->precision)
+      continue; /* there is a coarse enough one that is finer */
+    quantisation = fmax(least, level->precision > 0 ? fmin(quantisation, level->precision) : quantisation);
+    LOD_TRY(begin_trial(baker, level, quantisation, arena, &trial, problem));
+    bool met = trial.result.error.upper <= level->target, best_met = best.arena != NULL && best.result.error.upper <= level->target;
+    bool better = best.arena == NULL || (met && !best_met) || (met == best_met && trial.crossings < best.crossings) ||
+                  (!met && !best_met && trial.result.error.upper < best.result.error.upper);
+    bool done = (met && trial.crossings <= before) || quantisation <= least;
+    if (better && best.arena != NULL)
+      lod_arena_destroy(best.arena);
+    if (better)
+      best = trial;
+    else
+      lod_arena_destroy(trial.arena);
+    if (done)
+      break;
+  }
+  return keep_trial(baker, &best, arena, baked, problem);
+}
+
 enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
                                struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem) {
+  if (level->target > 0 && !(position_error > 0))
+    return bake_to_target(baker, level, arena, baked, problem);
   /* A level's certified error is mostly 0.4 to 0.6 of its family's bound: this is right the first time. */
   double quantisation = position_error > 0 ? position_error : 0.1 * (isfinite(level->bound) ? level->bound : level->expected);
   double least = 1e-6 * baker->diagonal;
   if (!isfinite(quantisation) || quantisation < least)
     quantisation = position_error > 0 ? position_error : least;
-  baked->cell = level->cell;
   enum { ATTEMPTS = 3 };
   for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
-    struct lod_arena *trial = lod_arena_create_child(arena);
-    if (trial == NULL)
-      return lod_fail_memory(problem);
-    struct lod_baked_level result = {
-        .cell = level->cell, .has_drift = level->has_drift, .uv_drift = level->uv_drift, .normal_drift = level->normal_drift};
-    enum lod_status status = encode(baker, level, quantisation, trial, &result, problem);
-    if (status != LOD_OK) {
-      lod_arena_destroy(trial);
-      return status;
-    }
-    bool good = position_error > 0 || 4 * quantisation <= result.error.upper || quantisation <= least || attempt == ATTEMPTS - 1;
+    struct trial trial;
+    LOD_TRY(begin_trial(baker, level, quantisation, arena, &trial, problem));
+    double upper = trial.result.error.upper;
+    bool good = position_error > 0 || 4 * quantisation <= upper || quantisation <= least || attempt == ATTEMPTS - 1;
     /* A family without a bound of its own was only measured: now its error is known. */
-    if (!isfinite(level->bound) && attempt == 0 && position_error <= 0 && 8 * quantisation < result.error.upper)
+    if (!isfinite(level->bound) && attempt == 0 && position_error <= 0 && 8 * quantisation < upper)
       good = false;
-    if (good) {
-      *baked = result;
-      baked->bytes = lod_arena_copy(arena, result.bytes, result.size);
-      baked->parts = lod_arena_copy(arena, result.parts, baker->model->part_count * sizeof *result.parts);
-    }
-    lod_arena_destroy(trial);
     if (good)
-      return baked->bytes == NULL || baked->parts == NULL ? lod_fail_memory(problem) : LOD_OK;
-    quantisation = fmax(least, result.error.upper / (attempt == 0 ? 4.5 : 8));
+      return keep_trial(baker, &trial, arena, baked, problem);
+    lod_arena_destroy(trial.arena);
+    quantisation = fmax(least, upper / (attempt == 0 ? 4.5 : 8));
   }
   return LOD_OK;
 }

@@ -30,7 +30,7 @@ struct lod_baked_level {
   struct lod_interval error;                   /* certified, model units, quantisation and import rounding included */
   double cell;
   bool has_drift; /* as lod_level */
-  double uv_drift, normal_drift;
+  double uv_drift, normal_drift, uv_bound, normal_bound;
   uint8_t *bytes; /* the GLB */
   size_t size;
   char object[LOD_HASH_HEX + 1];  /* set when it is written */

@@ -52,6 +52,13 @@ static json_t *drift_json(const struct lod_baked_level *level, const struct lod_
   json_t *json = json_pack("{sf sf}", "uv", level->uv_drift, "normal_degrees", level->normal_drift);
   if (most_texels(model) > 0)
     json_object_set_new(json, "texels", json_real(level->uv_drift * most_texels(model)));
+  if (level->uv_bound > 0 && isfinite(level->uv_bound)) {
+    json_object_set_new(json, "uv_bound", json_real(level->uv_bound));
+    if (most_texels(model) > 0)
+      json_object_set_new(json, "texels_bound", json_real(level->uv_bound * most_texels(model)));
+  }
+  if (level->normal_bound > 0 && isfinite(level->normal_bound))
+    json_object_set_new(json, "normal_degrees_bound", json_real(level->normal_bound));
   return json;
 }
 

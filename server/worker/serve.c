@@ -101,6 +101,11 @@ static struct lod_bake_request request_of(const json_t *job) {
     if (json_is_string(family) && request.family_count < LOD_BAKE_MAX_FAMILIES)
       request.families[request.family_count++] = json_string_value(family);
   }
+  json_t *option;
+  json_array_foreach(json_object_get(job, "envelope"), i, option) {
+    if (json_is_string(option) && request.envelope_option_count < LOD_BAKE_MAX_LIST)
+      request.envelope_options[request.envelope_option_count++] = json_string_value(option);
+  }
   request.threads = narrow(count_of(job, "threads", 0));
   const json_t *limits = json_object_get(job, "limits");
   struct lod_import_limits *l = &request.limits;

@@ -117,6 +117,27 @@ test('a model is served with its first families, and then with the later ones to
   }
 });
 
+test('the family envelope is baked nested where the daemon is asked to, and sent step by step', async () => {
+  const nested = await Daemon.start({ worker: path.join(build, 'lodestream'), later: 'envelope', flags: ['--envelope', 'nested=1,rms=0.5'] });
+  try {
+    const file = path.join(nested.directory, 'upload');
+    fs.writeFileSync(file, sphere(24, 48).text);
+    const { headers } = await nested.curl('/v1/models/ball', ['-T', file]);
+    const first = await nested.finished(headers.location);
+    const second = await nested.finished(`/v1/jobs/${first.next}`, 60);
+    assert.equal(second.state, 'done', JSON.stringify(second.problem));
+    const { json: manifest } = await nested.json('/v1/models/ball');
+    const { levels } = manifest.families.envelope;
+    const steps = levels.filter((level) => level.delta);
+    assert.ok(steps.length > 0 && levels[0].first, JSON.stringify(levels));
+    const whole = await nested.curl('/v1/models/ball/delta?family=envelope&to=1');
+    assert.equal(whole.status, 200);
+    assert.equal(whole.body.length, levels[0].first.bytes + levels[0].delta.bytes);
+  } finally {
+    await nested.stop();
+  }
+});
+
 test('progress of a bake only grows, and is not full before it is done', async () => {
   const file = path.join(daemon.directory, 'upload');
   fs.writeFileSync(file, sphere(50, 100).text);

@@ -89,6 +89,55 @@ test('an envelope keeps edges that a file names, and takes together what is copl
   }
 });
 
+// gridCube with a limit at the vertices of one side.
+function limitedCube(n, limit) {
+  return gridCube(n).replace('property float z\n', 'property float z\nproperty float epsilon\n')
+    .split('\n').map((row) => (row.split(' ').length === 3 && /^[0-9]/.test(row) ? `${row} ${row.startsWith(`${n} `) ? limit : -1}` : row)).join('\n');
+}
+
+test('an envelope says of a source that crosses itself what it cannot promise', async () => {
+  const box = (d) => [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 2], [2, 0, 2], [2, 2, 2], [0, 2, 2]].map((p) => p.map((x) => x + d).join(' '));
+  const faces = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
+  const ply = (boxes) => `ply\nformat ascii 1.0\nelement vertex ${8 * boxes.length}\nproperty float x\nproperty float y\nproperty float z\n` +
+    `element face ${6 * boxes.length}\nproperty list uchar int vertex_indices\nend_header\n${boxes.flatMap(box).join('\n')}\n` +
+    `${boxes.flatMap((_, i) => faces.map((f) => `4 ${f.map((v) => v + 8 * i).join(' ')}`)).join('\n')}\n`;
+  for (const [boxes, crosses] of [[[0, 1], true], [[0, 3], false]]) {
+    fs.writeFileSync(at('boxes.ply'), ply(boxes));
+    const { bake: { warnings } } = await facts('bake', 'boxes.ply', '-o', 'boxes', '--family', 'envelope', '--epsilon', '1%');
+    assert.equal(warnings.some((warning) => /\d+ triangles of the source cross others/.test(warning)), crosses, JSON.stringify(warnings));
+  }
+});
+
+test('vertices of a file may say how near levels must stay', async () => {
+  const n = 8, counts = [];
+  for (const limit of [-1, 0.001]) {
+    // Bumps of a tenth on all sides.
+    const rows = limitedCube(n, limit).split('\n').map((row) => {
+      const p = row.split(' ').map(Number);
+      if (p.length !== 4 || row.startsWith('3 ')) return row;
+      const off = 0.1 * ((p[0] + p[1] + p[2]) % 2);
+      return [...p.slice(0, 3).map((x) => (x === 0 ? x - off : x === n ? x + off : x)), p[3]].join(' ');
+    });
+    fs.writeFileSync(at('limited.ply'), rows.join('\n'));
+    const { families } = await facts('bake', 'limited.ply', '-o', `limited${limit}`, '--family', 'envelope', '--epsilon', '3%');
+    counts.push(families.envelope.levels[0].triangles);
+  }
+  assert.ok(counts[0] < 40 && counts[1] > 2 * n * n && counts[1] < 3 * n * n + 40, `${counts}`);
+});
+
+test('envelope levels that nest come with steps between them, and its options are checked', async () => {
+  const nested = await facts('bake', model, '-o', 'nested', '--family', 'envelope', '--epsilon', '1%', '--epsilon', '4%', '--envelope', 'nested=1');
+  const { levels } = nested.families.envelope;
+  const k = levels.findIndex((level) => level.delta);
+  assert.ok(k >= 0, JSON.stringify(levels));
+  const made = await lodestream('decode', levelPath('nested', levels[k]), path.join('nested', 'objects', levels[k].delta.object), '-o', 'step.ply');
+  assert.equal(made.status, 0, made.stderr);
+  const [stepped, direct] = [await facts('inspect', 'step.ply'), await facts('inspect', levelPath('nested', levels[k + 1]))];
+  assert.equal(stepped.triangles, direct.triangles);
+  for (const option of ['nested=2', 'texels=-1', 'degrees=181', 'rms=', 'depth=3', 'nested'])
+    assert.equal((await lodestream('bake', model, '-o', 'wrong', '--family', 'envelope', '--envelope', option)).status, USAGE, option);
+});
+
 test('every command explains itself and says its version', async () => {
   const version = fs.readFileSync(path.join(build, '../../VERSION'), 'utf8').trim();
   for (const command of [[], ...commands.map((name) => [name])]) {

@@ -161,9 +161,8 @@ static void nested(struct lod_arena *arena) {
     struct kept kept;
     settings.collapse.vertex_subset = true;
     bake(arena, &shapes[i], &settings, epsilons, 4, &kept);
-    assert_null(kept.parents[0]);
-    for (uint32_t level = 1; level < 4; level++) {
-      const struct lod_mesh *mesh = &kept.mesh[level], *finer = &kept.mesh[level - 1];
+    for (uint32_t level = 0; level < 4; level++) {
+      const struct lod_mesh *mesh = &kept.mesh[level], *finer = level == 0 ? &shapes[i] : &kept.mesh[level - 1];
       assert_non_null(kept.parents[level]);
       assert_true(mesh->vertex_count < finer->vertex_count);
       for (uint32_t v = 0; v < mesh->vertex_count; v++) {
