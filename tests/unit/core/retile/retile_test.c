@@ -653,6 +653,61 @@ static void surface_of_many_handles_is_mapped_whole(void **state) {
   assert_true(result.levels[0].mesh.vertex_count < mesh.vertex_count / 4);
 }
 
+/* A sheet rolled into a tube whose picture goes once around it: u jumps from 1 to 0 along a seam of the smooth surface. */
+static struct lod_mesh rolled_sheet(uint32_t around, uint32_t along) {
+  struct lod_mesh mesh = {.vertex_count = around * (along + 1), .wedge_count = (around + 1) * (along + 1)};
+  mesh.positions = lod_arena_alloc(arena, mesh.vertex_count, sizeof *mesh.positions);
+  mesh.wedge_vertex = LOD_NEW(arena, mesh.wedge_count, uint32_t);
+  mesh.uvs[0] = lod_arena_alloc(arena, mesh.wedge_count, sizeof *mesh.uvs[0]);
+  mesh.triangles = lod_arena_alloc(arena, 2 * (size_t)around * along, sizeof *mesh.triangles);
+  mesh.corners = lod_arena_alloc(arena, 2 * (size_t)around * along, sizeof *mesh.corners);
+  for (uint32_t y = 0; y <= along; y++)
+    for (uint32_t x = 0; x <= around; x++) {
+      uint32_t wedge = y * (around + 1) + x, v = y * around + x % around;
+      double angle = 6.283185307179586 * x / around;
+      mesh.wedge_vertex[wedge] = v;
+      mesh.uvs[0][wedge][0] = (float)x / (float)around;
+      mesh.uvs[0][wedge][1] = (float)y / (float)along;
+      mesh.positions[v][0] = (float)cos(angle);
+      mesh.positions[v][1] = (float)sin(angle);
+      mesh.positions[v][2] = 3 * (float)y / (float)along;
+    }
+  for (uint32_t y = 0; y < along; y++)
+    for (uint32_t x = 0; x < around; x++) {
+      const uint32_t a = y * (around + 1) + x, c[2][3] = {{a, a + 1, a + around + 2}, {a, a + around + 2, a + around + 1}};
+      for (int k = 0; k < 2; k++, mesh.triangle_count++)
+        for (int j = 0; j < 3; j++) {
+          mesh.corners[mesh.triangle_count][j] = c[k][j];
+          mesh.triangles[mesh.triangle_count][j] = mesh.wedge_vertex[c[k][j]];
+        }
+    }
+  return mesh;
+}
+
+static void a_seam_stays_a_seam_and_each_side_keeps_its_picture(void **state) {
+  (void)state;
+  struct lod_mesh mesh = rolled_sheet(80, 60);
+  const uint32_t counts[] = {60, 240, 1000};
+  struct lod_retile result = retile(&mesh, counts, 3);
+  assert_nested(&mesh, &result);
+  assert_mapped(&result);
+  for (uint32_t k = 0; k < 3; k++) {
+    const struct lod_mesh *level = &result.levels[k].mesh;
+    uint32_t jumps = 0;
+    for (uint32_t t = 0; t < level->triangle_count; t++)
+      for (int c = 0; c < 3; c++) {
+        const float *uv = level->uvs[0][level->corners[t][c]], *next = level->uvs[0][level->corners[t][(c + 1) % 3]],
+                    *p = level->positions[level->triangles[t][c]];
+        double turn = atan2((double)p[1], (double)p[0]) / 6.283185307179586 - (double)uv[0];
+        assert_true(fabs(turn - floor(turn + 0.5)) < 2e-3); /* where it lies around the tube, from whichever side of the seam */
+        assert_true(fabs((double)uv[1] - (double)p[2] / 3) < 2e-3);
+        assert_true(fabs((double)(uv[0] - next[0])) < 0.5); /* no triangle has corners of both sides */
+        jumps += uv[0] == 0 || uv[0] == 1;
+      }
+    assert_true(jumps > 4); /* the seam has vertices of its own on either side */
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_setup_teardown(square_with_n_points_becomes_2n_plus_2_triangles, open_arena, close_arena),
@@ -682,6 +737,7 @@ int main(void) {
       cmocka_unit_test_setup_teardown(costas_surface_has_levels_of_200_800_and_3200, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(points_where_it_bends_lower_the_error_of_a_dose, open_arena, close_arena),
       cmocka_unit_test_setup_teardown(surface_of_many_handles_is_mapped_whole, open_arena, close_arena),
+      cmocka_unit_test_setup_teardown(a_seam_stays_a_seam_and_each_side_keeps_its_picture, open_arena, close_arena),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
