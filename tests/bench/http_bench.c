@@ -1,6 +1,7 @@
 /* The daemon beside nginx over loopback: requests and bytes a second, CPU a request, latencies.
  *
- *   make bench-http [BENCH_ARGS="[SECONDS [ROUNDS [PART]]]"]     defaults 0.5, 5, all; PART: grid, kinds, mixed, idle
+ *   make bench-http [BENCH_ARGS="[SECONDS [ROUNDS [PART [CELL]]]]"]
+ *        defaults 0.5, 5, all; PART: grid, kinds, mixed, idle; CELL: only those whose name and connections, as in "16 KB 32", begin so
  *
  * Both serve the same bytes (nginx from files: 2 workers, sendfile, tcp_nopush, open_file_cache, reuseport), and take turns: A B, B A, ...
  * Every ratio is taken within a round; what is printed is the median. The client copies all bodies and is one thread. On loopback TCP work
@@ -294,7 +295,13 @@ static double median(double *values, int count) {
 
 enum { ROUNDS_MAX = 25, FIGURES = 7 };
 
+static const char *only = ""; /* cells that begin so */
+
 static void run_cell(struct server *servers, const struct cell *cell, double seconds, int rounds) {
+  char label[80];
+  snprintf(label, sizeof label, "%s %d", cell->name, cell->connections);
+  if (strncmp(label, only, strlen(only)) != 0)
+    return;
   double figures[SERVERS][FIGURES][ROUNDS_MAX], ratios[FIGURES][ROUNDS_MAX];
   uint64_t errors[SERVERS] = {0};
   for (int round = 0; round < rounds; round++) {
@@ -414,6 +421,7 @@ int main(int argc, char **argv) {
   double seconds = argc > 1 ? atof(argv[1]) : 0.5;
   int rounds = argc > 2 ? atoi(argv[2]) : 5;
   const char *part = argc > 3 ? argv[3] : "all";
+  only = argc > 4 ? argv[4] : "";
   rounds = rounds < 1 ? 1 : rounds > ROUNDS_MAX ? ROUNDS_MAX : rounds;
   char directory[] = "/tmp/lodestream-bench-XXXXXX", command[300];
   must(mkdtemp(directory) != NULL && chmod(directory, 0755) == 0, "mkdtemp");

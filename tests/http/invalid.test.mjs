@@ -70,4 +70,8 @@ test('daemon lives, and nothing is left over', { skip }, async () => {
   assert.equal(daemon.child.exitCode, null);
   await eventually('no leftovers', () => ['uploads', 'work'].every((name) => fs.readdirSync(path.join(daemon.store, name)).length === 0), 5);
   assert.doesNotMatch(daemon.log, /signal \d+|Sanitizer|crash/);
+  const ends = Object.fromEntries([...String((await daemon.curl('/metrics')).body).matchAll(/^lodestream_worker_ends_total\{cause="(\w+)"\} (\d+)$/gm)].map(([, cause, count]) => [cause, Number(count)]));
+  if (print) console.log('workers ended:', JSON.stringify(ends));
+  assert.equal(ends.crashed + ends.killed + ends.stopped, 0, JSON.stringify(ends)); // each said itself how it went
+  assert.equal(ends.done + ends.failed, [...jobs.values()].filter((job) => job.status === 202).length);
 });
