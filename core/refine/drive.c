@@ -162,6 +162,13 @@ static void fetch(const struct lod_refiner *r, uint32_t f, int stage) {
     const struct edge *edge = &r->edges[face->e[i]];
     if (stage == 1) {
       __builtin_prefetch(edge);
+      __builtin_prefetch(&r->shown[face->v[i]]);
+      continue;
+    }
+    if (stage == 3) { /* faces that may have to be split before, so that levels differ by one at most */
+      for (int k = 0; k < 2 && edge->up != LOD_NONE; k++)
+        if (r->edges[edge->up].f[k] != LOD_NONE)
+          __builtin_prefetch(&r->faces[r->edges[edge->up].f[k]]);
       continue;
     }
     if (edge->up != LOD_NONE)
@@ -180,7 +187,7 @@ static void fetch(const struct lod_refiner *r, uint32_t f, int stage) {
 
 /* Split one after the other: what is most urgent, all of it, then what is most urgent by then. */
 static enum lod_status run_ranks(struct run *run) {
-  enum { STAGES = 3, AHEAD = 3 };
+  enum { STAGES = 4, AHEAD = 3 };
   uint32_t refused = 0, steps = 0;
   for (int rank = RANKS; rank-- > 0;) {
     uint32_t at = run->first[rank], ahead[STAGES];

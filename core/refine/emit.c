@@ -158,8 +158,18 @@ static void put_face(struct emission *m, uint32_t f, const struct corner corners
     return;
   }
   struct corner mid[3];
-  for (int i = 0; i < 3; i++)
-    mid[i] = middle_of(m->r, &face, i, corners);
+  const struct lod_refiner *r = m->r;
+  __builtin_prefetch(&r->faces[face.child]);
+  __builtin_prefetch(&r->faces[face.child + 2]);
+  for (int i = 0; i < 3; i++) {
+    mid[i] = middle_of(r, &face, i, corners);
+    __builtin_prefetch(&r->shown[mid[i].vertex]);
+  }
+  for (uint32_t k = 0; k < 4; k++) {
+    const struct face *child = &r->faces[face.child + k];
+    for (int i = 0; i < 3 && child->split; i++)
+      __builtin_prefetch(&r->edges[child->e[i]]);
+  }
   const struct corner children[4][3] = {
       {corners[0], mid[0], mid[2]}, {mid[0], corners[1], mid[1]}, {mid[2], mid[1], corners[2]}, {mid[1], mid[2], mid[0]}};
   for (uint32_t k = 0; k < 4 && !m->failed; k++)
