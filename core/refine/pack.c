@@ -110,10 +110,10 @@ static void number_all(struct packing *p) {
 
 enum { WORTH_WHILE = 4096 };
 
-bool lod_refiner_pack(struct lod_refiner *r) {
+bool lod_refiner_pack(struct lod_refiner *r, double growth) {
   struct lod_refiner fresh = *r;
   struct packing p = {.old = r, .fresh = &fresh};
-  if (r->failed || r->face_count - r->packed_faces < WORTH_WHILE || r->face_count - r->packed_faces < r->packed_faces / 4)
+  if (r->failed || r->face_count - r->packed_faces < WORTH_WHILE || r->face_count - r->packed_faces < growth * r->packed_faces)
     return false;
   fresh.nodes = lod_arena_create_child(r->arena);
   struct lod_arena *scratch = lod_arena_create_child(r->arena);

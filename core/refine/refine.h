@@ -54,10 +54,10 @@ void lod_refiner_destroy(struct lod_refiner *refiner);
 
 /* Draws the base again; keeps what was computed. */
 void lod_refiner_reset(struct lod_refiner *refiner);
-/* Renumbers what was computed in the order of drawing, when enough is new: splitting and drawing then walk through memory instead of
- * jumping. What is drawn stays; faces and ids have other numbers afterwards. False: it was not worth while, or memory had no room; nothing
- * changed. */
-bool lod_refiner_pack(struct lod_refiner *refiner);
+/* Renumbers what was computed in the order of drawing, when it has grown by this share since the last time: splitting and drawing then walk
+ * through memory instead of jumping. What is drawn stays; faces and ids have other numbers afterwards. False: it was not worth while, or
+ * memory had no room; nothing changed. */
+bool lod_refiner_pack(struct lod_refiner *refiner, double growth);
 /* Bytes held by what was computed. */
 size_t lod_refiner_bytes(const struct lod_refiner *refiner);
 /* Triangles and vertices that lod_refiner_mesh would give, green ones included; kept up to date. */

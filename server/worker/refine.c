@@ -437,9 +437,9 @@ enum lod_status lod_refine_answer(struct lod_refine_base *base, const struct lod
   return status;
 }
 
-void lod_refine_base_tidy(struct lod_refine_base *base) {
+void lod_refine_base_tidy(struct lod_refine_base *base, bool idle) {
   if (base->refiner != NULL)
-    (void)lod_refiner_pack(base->refiner);
+    (void)lod_refiner_pack(base->refiner, idle ? 0.25 : 1);
 }
 
 enum lod_status lod_refine_touch(struct lod_refine_base *base, const struct lod_refine_query *query, struct lod_contact *contact,

@@ -15,8 +15,8 @@ LOD_WARN_UNUSED enum lod_status lod_refine_base_create(const char *name, const u
                                                        struct lod_refine_base **base, struct lod_problem *problem);
 void lod_refine_base_destroy(struct lod_refine_base *base); /* NULL is allowed */
 
-/* To be called when nobody waits: makes later requests faster. */
-void lod_refine_base_tidy(struct lod_refine_base *base);
+/* Makes later requests faster, if that is worth while: sooner when nobody waits. */
+void lod_refine_base_tidy(struct lod_refine_base *base, bool idle);
 
 struct lod_refine_request {
   const struct lod_refine_query *query;

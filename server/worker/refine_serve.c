@@ -63,6 +63,12 @@ static bool told_to_stop(void *context) {
   return poll(&fd, 1, 0) > 0;
 }
 
+/* The next request of many comes within this once an answer is out; waiting for it costs nobody anything. */
+static bool nobody_asks(void) {
+  struct pollfd fd = {LOD_WORKER_SOCKET_FD, POLLIN, 0};
+  return poll(&fd, 1, 3) == 0;
+}
+
 /* Bytes that follow in frames of one type; NULL: memory, or something else came. */
 static uint8_t *receive(struct serving *s, char type, size_t size) {
   uint8_t *bytes = malloc(size + 1);
@@ -218,7 +224,7 @@ static bool answer(struct serving *s) {
   if (!answered)
     sent = send_problem(&problem, parameter);
   if (base != NULL && sent)
-    lod_refine_base_tidy(base);
+    lod_refine_base_tidy(base, nobody_asks());
   free(asked.values);
   json_decref(asked.json);
   return sent;

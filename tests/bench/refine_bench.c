@@ -502,8 +502,8 @@ static void answer_rate(struct lod_arena *arena, uint32_t rounds) {
       spent[k] += k == 2 ? 0 : times[k + 1] - times[k];
     triangles += i >= rounds ? output.mesh.triangle_count : 0;
     lod_arena_destroy(scratch);
-    lod_refiner_pack(refiner);
-    lod_refine_base_tidy(whole);
+    lod_refiner_pack(refiner, 0.25);
+    lod_refine_base_tidy(whole, true);
   }
   printf("\none answer of %.0f triangles in a warm worker, processor time: %.2f ms (of which core: reset %.2f, run %.2f, mesh %.2f)\n",
          (double)triangles / rounds, 1e3 * spent[3] / rounds, 1e3 * spent[0] / rounds, 1e3 * spent[1] / rounds, 1e3 * spent[2] / rounds);

@@ -271,7 +271,7 @@ static void test_packing_changes_numbers_and_nothing_else(void **state) {
         }
         split_somewhere(packed, &base, 1500, 7, &seeds[0]);
         split_somewhere(plain, &base, 1500, 7, &seeds[1]);
-        packs += lod_refiner_pack(packed);
+        packs += lod_refiner_pack(packed, 0.25);
         assert_true(lod_refiner_check(packed));
         struct lod_refine_output a = mesh_of(packed, arena), b = mesh_of(plain, arena), c;
         assert_same_mesh(&a, &b);
@@ -280,7 +280,7 @@ static void test_packing_changes_numbers_and_nothing_else(void **state) {
         assert_true(c.parents == NULL && c.ids == NULL);
       }
       assert_true(packs >= 1);
-      assert_false(lod_refiner_pack(packed) && lod_refiner_pack(packed)); /* nothing new */
+      assert_false(lod_refiner_pack(packed, 0.25) && lod_refiner_pack(packed, 0.25)); /* nothing new */
       lod_refiner_destroy(packed);
       lod_refiner_destroy(plain);
       lod_arena_destroy(arena);
