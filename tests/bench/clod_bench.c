@@ -182,7 +182,7 @@ static void bench_dynamic(const struct subject *subject, const struct lod_clod *
   for (int turn = -2; turn < TURNS; turn++) {
     if (turn == 0)
       began = now();
-    settings.pixels = turn % 2 == 0 ? 0.005 : 0.05;
+    settings.pixels = turn % 2 == 0 ? 0.03 : 0.3;
     must(lod_dynamic_update(dynamic, &view, &settings, &stats));
     vertices += turn < 0 ? 0 : stats.vertices_made;
   }
