@@ -10,6 +10,7 @@
 
 #include "core/base/tolerance.h"
 #include "core/envelope/forward.h"
+#include "core/mesh/triangle_distance.h"
 
 enum {
   FORWARD_PIECES = 2000, /* of one new face; what needs more is refused */
@@ -60,6 +61,7 @@ struct lod_certificate {
   const uint32_t *patch;
   struct found *found;
   uint32_t found_count, found_capacity;
+  double rms; /* share of epsilon; 0 = nobody asks */
 };
 
 static void set_forward_epsilon(struct lod_forward *forward, double epsilon) {
@@ -264,6 +266,28 @@ static bool try_attributes(const struct lod_certificate *c, const struct lod_cha
   return true;
 }
 
+void lod_certificate_set_rms(struct lod_certificate *c, double share) {
+  c->rms = share;
+}
+
+static bool mean_allows(const struct lod_certificate *c, const struct lod_change *change) {
+  double sum = 0, area = 0;
+  for (uint32_t i = 0; i < c->found_count && c->rms > 0; i++) {
+    struct lod_vec3 p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = lod_vec3_from_float(c->source->positions[c->source->triangles[c->found[i].triangle][k]]);
+    struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
+    double size = lod_vec3_length(lod_vec3_cross(lod_vec3_subtract(p[1], p[0]), lod_vec3_subtract(p[2], p[0]))), nearest = INFINITY;
+    for (uint64_t used = c->found[i].used; used != 0; used &= used - 1) {
+      const struct lod_vec3 *q = change->faces[__builtin_ctzll(used)].corner;
+      nearest = fmin(nearest, lod_vec3_distance_squared(centre, lod_closest_on_triangle(centre, q[0], q[1], q[2])));
+    }
+    sum += size * nearest;
+    area += size;
+  }
+  return sum <= c->rms * c->rms * c->epsilon_squared * area;
+}
+
 bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, enum lod_status *status) {
   assert(change->face_count <= LOD_CERTIFICATE_MAX_FACES);
   *status = LOD_OK;
@@ -279,7 +303,7 @@ bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, e
   for (uint32_t k = 0; k < change->fresh_count; k++)
     if (!try_forward(c, proxy, &change->faces[k], near[k]))
       return false;
-  return try_attributes(c, change);
+  return try_attributes(c, change) && mean_allows(c, change);
 }
 
 /* ---- commit ---- */

@@ -17,6 +17,10 @@ struct lod_certificate;
 LOD_WARN_UNUSED enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, const double *limits,
                                                        double epsilon, struct lod_arena *arena, struct lod_certificate **certificate);
 
+/* From now on a change must also keep the mean of the squared distance from the triangles charged to its faces, sampled at their centres,
+ * to (share epsilon)^2. 0 = need not. */
+void lod_certificate_set_rms(struct lod_certificate *certificate, double share);
+
 /* From now on backward proofs hold for attributes too, as lod_backward_bound_attributes. */
 LOD_WARN_UNUSED enum lod_status lod_certificate_bound_attributes(struct lod_certificate *certificate, const struct lod_wedges *wedges,
                                                                  const uint32_t *patch);

@@ -277,16 +277,17 @@ static enum lod_status run_pass(struct lod_collapser *c, int places, const struc
   return LOD_OK;
 }
 
+/* Of coplanar regions in floats the planes' rounding says more than their distance. */
+static bool is_coplanar(const struct lod_collapser *c, double epsilon) {
+  return epsilon <= 2 * LOD_TOLERANCE_COPLANAR * lod_mesh_magnitude(c->mesh);
+}
+
 static void set_epsilon(struct lod_collapser *c, double epsilon, double gate) {
   c->epsilon = epsilon;
   lod_certificate_set_epsilon(c->certificate, epsilon);
   if (c->wedges.channels != 0)
     lod_wedges_set_epsilon(&c->wedges, epsilon);
-  /* Of coplanar regions in floats the planes' rounding says more than their distance: no gate. */
-  bool coplanar = epsilon <= 2 * LOD_TOLERANCE_COPLANAR * lod_mesh_magnitude(c->mesh);
-  if (c->settings.rms > 0 && c->settings.rms * c->settings.rms < gate)
-    gate = c->settings.rms * c->settings.rms;
-  c->gate = coplanar ? INFINITY : gate * epsilon * epsilon;
+  c->gate = is_coplanar(c, epsilon) ? INFINITY : gate * epsilon * epsilon;
   for (size_t i = 0; i < (size_t)1 << WITNESS_SLOTS_LOG2; i++)
     c->witnesses[i].state = 0;
 }
@@ -386,6 +387,7 @@ static enum lod_status start(struct lod_collapser *c) {
   LOD_TRY(find_patches(c));
   LOD_TRY(lod_wedges_create(mesh, &c->surface, &c->settings.attributes, c->arena, &c->wedges));
   LOD_TRY(lod_certificate_create(mesh, c->bvh, c->settings.limits, 0, c->arena, &c->certificate));
+  lod_certificate_set_rms(c->certificate, c->settings.rms);
   if (c->wedges.bounded)
     LOD_TRY(lod_certificate_bound_attributes(c->certificate, &c->wedges, c->patch));
   if (c->settings.guarding != LOD_GUARD_NONE)
@@ -466,7 +468,9 @@ static enum lod_status draft_stage(struct lod_collapser *c, double epsilon, cons
 
 enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
   uint32_t collapsed;
-  if (c->settings.draft && c->settings.limits == NULL && !c->wedges.bounded && epsilon > STAGE_STEP * c->proxy_epsilon) {
+  /* What is flat in floats is drained from inside by a draft, and leaves triangles from line to line. */
+  bool draft = c->settings.draft && c->settings.limits == NULL && !c->wedges.bounded && c->settings.rms == 0 && !is_coplanar(c, epsilon);
+  if (draft && epsilon > STAGE_STEP * c->proxy_epsilon) {
     set_epsilon(c, epsilon, STAGE_GATE * STAGE_SHARE * STAGE_SHARE);
     LOD_TRY(draft_stage(c, epsilon, progress));
   }

@@ -24,7 +24,8 @@ struct lod_collapse_settings {
   uint32_t passes;      /* over all edges, until none of 1 % collapses; default 4 */
   bool draft;           /* begin with collapses that are bounded by maps (draft.c), five times as fast; default true */
   double polish;        /* how much is spent on other places, flips and moves once few faces are left; 0 = nothing, default 1 */
-  double rms; /* the root mean square of the distance may take this share of epsilon, as quadrics tell it; 0 = nothing asks; default 0 */
+  double rms; /* the root mean square of the distance may take this share of epsilon, around every change, sampled; 0 = nothing asks;
+               * default 0. Without draft */
   enum lod_guarding guarding;             /* default LOD_GUARD_CLOSED */
   struct lod_attribute_bounds attributes; /* default: none. With them there is no draft, and corners of lines may merge */
   /* Per source vertex, how far the result may be from the source there at most, linear in between (P4-15); or NULL. Not owned. */

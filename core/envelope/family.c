@@ -156,7 +156,7 @@ static enum lod_status extract_unit(struct ladder *ladder, uint32_t u) {
   if (ladder->settings->collapse.vertex_subset)
     LOD_TRY(find_parents(ladder, u));
   LOD_TRY(lod_collapser_replacements(run->collapser, ladder->replacements[u]));
-  if (!ladder->settings->collapse.vertex_subset && ladder->settings->wishes == NULL)
+  if (!ladder->settings->collapse.vertex_subset && ladder->settings->wishes == NULL && ladder->settings->collapse.rms == 0)
     LOD_TRY(take_better(ladder, u));
   run->report = (struct lod_envelope_report){0};
   return lod_envelope_measure_attributes(run->collapser, run->level_arena, &run->report);

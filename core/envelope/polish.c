@@ -76,16 +76,12 @@ static enum lod_status collapse_edge(struct polish *polish, uint32_t a, uint32_t
   double cost[4];
   lod_collapser_placements(c, a, b, false, place, cost);
   struct lod_vec3 normal = lod_vec3_normalize(lod_vec3_add(normal_around(&c->surface, a), normal_around(&c->surface, b)));
-  struct lod_quadric sum = c->quadric[a];
-  lod_quadric_add(&sum, &c->quadric[b]);
   polish->attempt.change.witness = LOD_NONE;
   for (int i = 0; i < PLACES && !*done; i++) {
     double t = next_unit(&polish->random);
     struct lod_vec3 base = i % 2 == 0 ? place[0] : lod_vec3_add_scaled(pa, lod_vec3_subtract(pb, pa), t);
     struct lod_vec3 to = shifted(polish, base, normal, 2 * next_unit(&polish->random) - 1, 0.15 * lod_vec3_distance(pa, pb));
     polish->trials++;
-    if (c->settings.rms > 0 && lod_quadric_value(&sum, to) > c->gate * sum.weight)
-      continue;
     LOD_TRY(lod_attempt_collapse(c, a, b, to, &polish->attempt, done));
   }
   return LOD_OK;
@@ -179,8 +175,6 @@ static enum lod_status move_vertex(struct polish *polish, uint32_t v, bool *done
   struct lod_vec3 to = shifted(polish, s->position[v], normal_around(s, v), next_unit(&polish->random) - 0.5, 0.2 * shortest);
   polish->trials++;
   polish->attempt.change.witness = LOD_NONE;
-  if (c->settings.rms > 0 && lod_quadric_value(&c->quadric[v], to) > c->gate * c->quadric[v].weight)
-    return LOD_OK;
   if (!lod_attempt_gather(c, LOD_NONE, v, to, &polish->attempt))
     return LOD_OK;
   enum lod_status status;
