@@ -6,6 +6,7 @@
  *
  * Rounding: assimp parses decimals with fast_atof, whose integer and fraction parts and their sum are floats, times a float power of ten
  * where there is an exponent: fewer than 8 roundings of 2^-24 each. */
+#include "codec/import/assimp_assert.h"
 #include "codec/import/assimp_material.h"
 
 #include <assimp/cfileio.h>
@@ -411,6 +412,7 @@ static void name_root(struct memory_io *memory) {
 enum lod_status lod_import_assimp(struct lod_reader *reader) {
   struct memory_io memory = {.reader = reader};
   LOD_TRY(check_before(reader));
+  lod_assimp_catch_assertions();
   memory.io = (struct aiFileIO){.OpenProc = io_open, .CloseProc = io_close, .UserData = (aiUserData)(void *)&memory};
   name_root(&memory);
   struct aiPropertyStore *properties = aiCreatePropertyStore();
