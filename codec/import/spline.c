@@ -655,11 +655,11 @@ static enum lod_status quarter_all(struct lod_splines *splines) {
 
 /* Quarters the patches until cubics are near enough (Gopi & Manocha 1998, 5.2), at most twice. */
 static enum lod_status refine_charts(struct lod_splines *splines, double tolerance) {
-  enum { TIMES = 2, MOST = 1 << 16 };
+  enum { TIMES = 2, MOST = 1 << 11 }; /* more patches are many enough */
   struct tensor *tensor = LOD_NEW(splines->reader->scratch, 1, struct tensor);
   if (!tensor)
     return lod_reader_memory(splines->reader);
-  for (int time = 0; time < TIMES && splines->count < MOST; time++) {
+  for (int time = 0; time < TIMES && splines->count <= MOST; time++) {
     double worst = 0;
     for (uint32_t p = 0; p < splines->count; p++) {
       if (splines->patches[p].triangle)
