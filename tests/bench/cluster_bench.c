@@ -122,7 +122,7 @@ static double error_of(const struct lod_mesh *level, const struct lod_mesh *sour
 
 static void bench_model(const char *name, const struct lod_mesh *raw) {
   struct lod_arena *arena = lod_arena_create(0);
-  struct lod_unit unit = {welded(raw, arena), 1};
+  struct lod_unit unit = {.mesh = welded(raw, arena), .scale = 1};
   const struct lod_mesh *mesh = &unit.mesh;
   struct lod_bounds box = lod_mesh_bounds(mesh);
   double diagonal = lod_bounds_diagonal(&box);
@@ -191,7 +191,7 @@ static void table_model(const char *name, const struct lod_mesh *raw) {
                {"floating, nearest made", LOD_CLUSTER_NEAREST_IN_ORDER},
                {"floating, nearest", LOD_CLUSTER_NEAREST}};
   struct lod_arena *arena = lod_arena_create(0);
-  struct lod_unit unit = {welded(raw, arena), 1};
+  struct lod_unit unit = {.mesh = welded(raw, arena), .scale = 1};
   struct lod_bounds box = lod_mesh_bounds(&unit.mesh);
   double diagonal = lod_bounds_diagonal(&box), cell = diagonal / 16;
   printf("%s, cell = diagonal / 16\n", name);

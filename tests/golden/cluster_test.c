@@ -34,7 +34,7 @@ static enum lod_status add_level(void *context, const struct lod_level *level) {
 }
 
 static uint64_t checksum(const struct lod_mesh *mesh, const struct lod_cluster_settings *settings, struct lod_arena *arena) {
-  struct lod_unit unit = {*mesh, 1};
+  struct lod_unit unit = {.mesh = *mesh, .scale = 1};
   uint64_t sum = UINT64_C(0xcbf29ce484222325);
   assert_int_equal(lod_cluster_family.build(&unit, 1, settings, NULL, arena, add_level, &sum, NULL), LOD_OK);
   return sum;

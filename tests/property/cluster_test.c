@@ -192,7 +192,7 @@ static enum lod_status check_level(void *context, const struct lod_level *level)
 }
 
 static int run(struct lod_arena *arena, const struct lod_mesh *source, const struct lod_cluster_settings *settings) {
-  struct lod_unit unit = {*source, 1};
+  struct lod_unit unit = {.mesh = *source, .scale = 1};
   struct expected expected = {.source = source, .settings = settings, .arena = arena};
   struct lod_problem problem = {0};
   assert_int_equal(lod_cluster_family.build(&unit, 1, settings, NULL, arena, check_level, &expected, &problem), LOD_OK);
@@ -318,7 +318,7 @@ static void the_order_of_triangles_does_not_matter(void **state) {
       memcpy(shuffled.triangles[t], shuffled.triangles[other], sizeof keep);
       memcpy(shuffled.triangles[other], keep, sizeof keep);
     }
-    struct lod_unit units[2] = {{source, 1}, {shuffled, 1}};
+    struct lod_unit units[2] = {{.mesh = source, .scale = 1}, {.mesh = shuffled, .scale = 1}};
     struct lod_level levels[2];
     struct lod_problem problem = {0};
     for (int i = 0; i < 2; i++) {
@@ -354,7 +354,7 @@ static void any_scale_gives_the_same_level(void **state) {
     for (uint32_t v = 0; v < source.vertex_count; v++)
       for (int axis = 0; axis < 3; axis++)
         scaled.positions[v][axis] = ldexpf(source.positions[v][axis], exponent);
-    struct lod_unit unit = {scaled, 1};
+    struct lod_unit unit = {.mesh = scaled, .scale = 1};
     struct lod_cluster *cluster;
     struct lod_level level;
     struct lod_problem problem = {0};

@@ -14,7 +14,7 @@
 static struct lod_level level_of(struct lod_arena *arena, const struct lod_mesh *mesh, const struct lod_cluster_settings *settings,
                                  double cell) {
   struct lod_unit *unit = LOD_NEW(arena, 1, struct lod_unit);
-  *unit = (struct lod_unit){*mesh, 1};
+  *unit = (struct lod_unit){.mesh = *mesh, .scale = 1};
   struct lod_cluster *cluster;
   struct lod_level level;
   struct lod_problem problem = {0};

@@ -46,7 +46,7 @@ static struct lod_mesh make(struct lod_arena *arena, const float (*positions)[3]
 static struct lod_level level_of(struct lod_arena *arena, const struct lod_mesh *mesh, const struct lod_cluster_settings *settings,
                                  double cell) {
   struct lod_unit *unit = LOD_NEW(arena, 1, struct lod_unit);
-  *unit = (struct lod_unit){*mesh, 1};
+  *unit = (struct lod_unit){.mesh = *mesh, .scale = 1};
   struct lod_cluster *cluster;
   struct lod_level level;
   struct lod_problem problem = {0};
@@ -244,7 +244,7 @@ static void try_cells(struct lod_arena *arena, const struct lod_mesh *mesh) {
     settings.assignment = (enum lod_cluster_assignment)(kind % 4);
     settings.representative = (enum lod_cluster_representative)(kind / 4 % 3);
     settings.shape = (enum lod_cluster_shape)(kind / 12);
-    struct lod_unit unit = {*mesh, 1};
+    struct lod_unit unit = {.mesh = *mesh, .scale = 1};
     struct seen seen = {0, mesh};
     assert_int_equal(lod_cluster_family.build(&unit, 1, &settings, NULL, arena, look, &seen, NULL), LOD_OK);
     settings.cells = kCells;
@@ -323,7 +323,7 @@ static void units_share_one_cell_in_model_space(void **state) {
   (void)state;
   struct lod_arena *arena = lod_arena_create(0);
   struct lod_mesh large = lod_shape_sphere(arena, 2, 4), small = lod_shape_sphere(arena, 1, 4);
-  struct lod_unit units[2] = {{large, 1}, {small, 2}};
+  struct lod_unit units[2] = {{.mesh = large, .scale = 1}, {.mesh = small, .scale = 2}};
   struct lod_cluster *cluster;
   struct lod_level level;
   assert_int_equal(lod_cluster_create(units, 2, NULL, NULL, arena, &cluster, NULL), LOD_OK);
@@ -343,7 +343,7 @@ static enum lod_status count_levels(void *context, const struct lod_level *level
 static void the_ladder_halves_from_half_to_about_a_hundred(void **state) {
   (void)state;
   struct lod_arena *arena = lod_arena_create(0);
-  struct lod_unit unit = {lod_shape_torus(arena, 3, 1, 200, 100), 1};
+  struct lod_unit unit = {.mesh = lod_shape_torus(arena, 3, 1, 200, 100), .scale = 1};
   uint32_t counts[65] = {0};
   assert_int_equal(lod_cluster_family.build(&unit, 1, NULL, NULL, arena, count_levels, counts, NULL), LOD_OK);
   assert_true(counts[0] >= 7 && counts[0] <= 10);
@@ -370,7 +370,7 @@ static enum lod_status refuse(void *context, const struct lod_level *level) {
 static void cancelling_a_failing_sink_and_a_memory_limit_stop_it(void **state) {
   (void)state;
   struct lod_arena *arena = lod_arena_create(0);
-  struct lod_unit unit = {lod_shape_torus(arena, 3, 1, 100, 50), 1};
+  struct lod_unit unit = {.mesh = lod_shape_torus(arena, 3, 1, 100, 50), .scale = 1};
   const struct lod_progress progress = {.cancelled = always};
   struct seen seen = {0, &unit.mesh};
   assert_int_equal(lod_cluster_family.build(&unit, 1, NULL, &progress, arena, look, &seen, NULL), LOD_CANCELLED);
@@ -395,7 +395,7 @@ static void cancelling_a_failing_sink_and_a_memory_limit_stop_it(void **state) {
 static void settings_out_of_range_are_refused(void **state) {
   (void)state;
   struct lod_arena *arena = lod_arena_create(0);
-  struct lod_unit unit = {lod_shape_cube(arena, 1), 1};
+  struct lod_unit unit = {.mesh = lod_shape_cube(arena, 1), .scale = 1};
   const double kFalling[] = {2, 1};
   for (int i = 0; i < 7; i++) {
     struct lod_cluster_settings s = lod_cluster_defaults();

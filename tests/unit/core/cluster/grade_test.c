@@ -31,7 +31,7 @@ static struct lod_mesh make_cone(struct lod_arena *arena, double theta, uint32_t
 }
 
 static float *weights_of(struct lod_arena *arena, const struct lod_mesh *mesh, const struct lod_cluster_settings *settings) {
-  struct lod_unit unit = {*mesh, 1};
+  struct lod_unit unit = {.mesh = *mesh, .scale = 1};
   struct lod_cluster *cluster;
   float *weights;
   assert_int_equal(lod_cluster_create(&unit, 1, settings, NULL, arena, &cluster, NULL), LOD_OK);
