@@ -12,23 +12,10 @@
 #include "codec/stream/bytes.h"
 #include "core/mesh/topology.h"
 #include "core/retile/retile.h"
+#include "tests/data/arena.h"
 #include "tests/data/models.h"
 #include "tests/data/nested.h"
 #include "tests/data/shapes.h"
-
-static struct lod_arena *arena;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 /* --- an encoded step --- */
 

@@ -26,21 +26,8 @@
 #include "core/clod/tessellate.h"
 #include "core/mesh/distance.h"
 #include "core/mesh/topology.h"
+#include "tests/data/arena.h"
 #include "tests/data/shapes.h"
-
-static struct lod_arena *arena;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 static struct lod_clod *model_of(const struct lod_mesh *mesh) {
   struct lod_clod *clod;

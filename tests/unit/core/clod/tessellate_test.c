@@ -9,6 +9,7 @@
 #include <cmocka.h>
 
 #include "core/mesh/topology.h"
+#include "tests/data/arena.h"
 #include "tests/data/shapes.h"
 
 /* Random patches: fewer under sanitizers, which take fifty times as long. */
@@ -22,20 +23,7 @@ enum { SAMPLED = 500 };
 enum { SAMPLED = 10000 };
 #endif
 
-static struct lod_arena *arena;
 static uint64_t seed = 11;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 static struct lod_vec3 random_point(double size) {
   double x = lod_random_unit(&seed), y = lod_random_unit(&seed), z = lod_random_unit(&seed);

@@ -36,22 +36,9 @@
 #include "core/mesh/overlay.h"
 #include "core/mesh/topology.h"
 #include "core/mesh/triangulate.h"
+#include "tests/data/arena.h"
 #include "tests/data/figures.h"
 #include "tests/data/shapes.h"
-
-static struct lod_arena *arena;
-
-static int open_arena(void **state) {
-  (void)state;
-  arena = lod_arena_create(0);
-  return arena == NULL;
-}
-
-static int close_arena(void **state) {
-  (void)state;
-  lod_arena_destroy(arena);
-  return 0;
-}
 
 static struct lod_retile retile(const struct lod_mesh *mesh, const uint32_t *counts, uint32_t count) {
   struct lod_retile result;
