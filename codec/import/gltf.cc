@@ -126,7 +126,8 @@ void fill_attribute(lod_gltf_primitive *out, const std::string &name, int access
 }
 
 void fill_primitive(lod_gltf_primitive *out, const tinygltf::Primitive &in) {
-  *out = lod_gltf_primitive{in.mode, in.material, in.indices, -1, -1, {-1, -1}, -1, -1, -1, {-1, -1, -1, -1}, {-1, -1, -1, -1}, false, false};
+  *out =
+      lod_gltf_primitive{in.mode, in.material, in.indices, -1, -1, {-1, -1}, -1, -1, -1, {-1, -1, -1, -1}, {-1, -1, -1, -1}, false, false};
   for (const auto &attribute : in.attributes)
     fill_attribute(out, attribute.first, attribute.second);
 }

@@ -41,7 +41,7 @@ enum { LOD_GLTF_SKIN_SETS = 4 };
 struct lod_gltf_primitive {
   int32_t mode, material, indices;
   int32_t position, normal, uv[2], color, epsilon; /* epsilon: _EPSILON */
-  int32_t interest; /* _DOI */
+  int32_t interest;                                /* _DOI */
   int32_t joints[LOD_GLTF_SKIN_SETS], weights[LOD_GLTF_SKIN_SETS];
   bool has_tangent, has_other; /* TANGENT; TEXCOORD_2 and up, COLOR_1 and up, names of an application */
 };

@@ -405,7 +405,8 @@ static void warn_dropped(struct source *source) {
   if (source->primitive->has_tangent)
     lod_scene_warn(scene, "Tangents were dropped; viewers compute them from normals and texture coordinates.");
   if (source->primitive->has_other)
-    lod_scene_warn(scene, "Vertex attributes other than POSITION, NORMAL, TEXCOORD_0, TEXCOORD_1, COLOR_0, _DOI and _EPSILON were dropped.");
+    lod_scene_warn(scene,
+                   "Vertex attributes other than POSITION, NORMAL, TEXCOORD_0, TEXCOORD_1, COLOR_0, _DOI and _EPSILON were dropped.");
   if (json_array_size(json_object_get(primitive, "targets")) > 0)
     lod_scene_warn(scene, "Morph targets were dropped; the model is in its rest pose.");
 }

@@ -431,7 +431,7 @@ static void store_scalar(struct ply *ply, uint32_t v, const struct property *pro
       mesh->uvs[0][v][m - kU] = m == kV ? (float)(1 - value) : (float)value;
   } else if (m == kEpsilon) {
     mesh->limits[v] = (float)value; /* cleaned with the part */
-  } else if (m == kInterest) { /* travels as alpha: gltf_mesh.c says why */
+  } else if (m == kInterest) {      /* travels as alpha: gltf_mesh.c says why */
     mesh->colors[v][3] = color_from(value, property->type, true);
   } else if (m == kAlpha && ply->has_interest) {
     return;

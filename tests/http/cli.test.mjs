@@ -216,7 +216,7 @@ test('bake writes objects under their hashes, coarsest first, errors and triangl
   assert.equal(baked.id, 'ball');
   assert.equal(baked.source.sha256, sha256(fs.readFileSync(model)));
   assert.equal(baked.source.triangles, wavySphere(40).faces.length);
-  assert.deepEqual(objectsOf('ball'), [...new Set([...levels, ...levels.flatMap(({ delta, first }) => [delta, first]), baked.tileset, baked.gltf]
+  assert.deepEqual(objectsOf('ball'), [...new Set([...levels, ...levels.flatMap(({ delta, first }) => [delta, delta?.units, first]), baked.tileset, baked.gltf]
     .filter((reference) => reference).map(({ object }) => object))].sort());
   levels.forEach((level, i) => {
     const bytes = fs.readFileSync(levelPath('ball', level));
