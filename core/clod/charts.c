@@ -405,18 +405,11 @@ enum lod_status lod_clod_create_charts(const struct lod_mesh *mesh, const struct
   *suitable = false;
   if (mesh->triangle_count >= 1u << 28 || charts->count >= 1u << 28)
     return lod_fail(problem, LOD_LIMIT, "limit-triangles", "More than 2^28 triangles cannot become curved patches.");
-  struct lod_clod *c = LOD_NEW_ZERO(arena, 1, struct lod_clod);
+  struct lod_clod *c = clod_begin(mesh, settings, arena);
   struct maker m = {.clod = c, .mesh = mesh, .charts = charts, .scratch = lod_arena_create_child(arena), .suitable = true};
   enum lod_status status = LOD_MEMORY;
-  if (c != NULL && m.scratch != NULL) {
-    c->mesh = mesh;
-    c->settings = settings == NULL ? lod_clod_defaults() : *settings;
-    c->arena = arena;
-    c->pool.arena = arena;
-    c->magnitude = lod_mesh_magnitude(mesh);
-    c->rounding = lod_tolerance_rounding(c->magnitude);
+  if (c != NULL && m.scratch != NULL)
     status = make(&m);
-  }
   lod_arena_destroy(m.scratch);
   *suitable = status == LOD_OK && m.suitable;
   *clod = *suitable ? c : NULL;

@@ -207,4 +207,7 @@ void clod_local_patch(struct clod_hole *hole, uint32_t h, uint32_t i, struct clo
 LOD_WARN_UNUSED enum lod_status clod_local_commit(struct lod_clod *clod, struct clod_hole *hole);
 LOD_WARN_UNUSED enum lod_status clod_local_abandon(struct lod_clod *clod, struct clod_hole *hole);
 
+/* A C-Model without patches, whose makers fill it in; NULL: no memory. */
+struct lod_clod *clod_begin(const struct lod_mesh *mesh, const struct lod_clod_settings *settings, struct lod_arena *arena);
+
 #endif

@@ -454,22 +454,28 @@ static enum lod_status build(struct builder *b) {
   return flatten_swollen(b);
 }
 
+struct lod_clod *clod_begin(const struct lod_mesh *mesh, const struct lod_clod_settings *settings, struct lod_arena *arena) {
+  struct lod_clod *c = LOD_NEW_ZERO(arena, 1, struct lod_clod);
+  if (c == NULL)
+    return NULL;
+  c->mesh = mesh;
+  c->settings = settings == NULL ? lod_clod_defaults() : *settings;
+  c->arena = arena;
+  c->pool.arena = arena;
+  c->magnitude = lod_mesh_magnitude(mesh);
+  c->rounding = lod_tolerance_rounding(c->magnitude);
+  return c;
+}
+
 enum lod_status lod_clod_create(const struct lod_mesh *mesh, const struct lod_clod_settings *settings, struct lod_arena *arena,
                                 struct lod_clod **clod, struct lod_problem *problem) {
   if (mesh->triangle_count >= 1u << 28)
     return lod_fail(problem, LOD_LIMIT, "limit-triangles", "More than 2^28 triangles cannot become curved patches.");
-  struct lod_clod *c = LOD_NEW_ZERO(arena, 1, struct lod_clod);
+  struct lod_clod *c = clod_begin(mesh, settings, arena);
   struct builder b = {.clod = c, .mesh = mesh, .scratch = lod_arena_create_child(arena)};
   enum lod_status status = LOD_MEMORY;
-  if (c != NULL && b.scratch != NULL) {
-    c->mesh = mesh;
-    c->settings = settings == NULL ? lod_clod_defaults() : *settings;
-    c->arena = arena;
-    c->pool.arena = arena;
-    c->magnitude = lod_mesh_magnitude(mesh);
-    c->rounding = lod_tolerance_rounding(c->magnitude);
+  if (c != NULL && b.scratch != NULL)
     status = build(&b);
-  }
   lod_arena_destroy(b.scratch);
   *clod = c;
   return status == LOD_MEMORY ? lod_fail_memory(problem) : status;

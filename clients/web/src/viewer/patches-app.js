@@ -4,12 +4,13 @@
  */
 
 import {
-  BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, DynamicDrawUsage, HemisphereLight, LineBasicMaterial, LineSegments, Matrix4, Mesh,
-  MeshBasicMaterial, MeshStandardMaterial, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer,
+  BufferAttribute, BufferGeometry, Color, DoubleSide, DynamicDrawUsage, LineBasicMaterial, LineSegments, Matrix4, Mesh,
+  MeshBasicMaterial, MeshStandardMaterial, Sphere, Vector3,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { decodeCurves } from '../wasm/clod.js';
 import { formatBytes, formatCount, formatPixels, formatUnits } from './format.js';
+import { openStage } from './stage.js';
 
 const FOV = 45;
 const MOST_INSTANCES = 64;
@@ -113,14 +114,7 @@ function byError(material, uniforms) {
 
 class Page {
   constructor() {
-    this.renderer = new WebGLRenderer({ canvas: $('canvas'), antialias: true, alpha: true, preserveDrawingBuffer: true });
-    this.scene = new Scene();
-    this.scene.add(new HemisphereLight(0xffffff, 0x8899aa, 1.6));
-    this.camera = new PerspectiveCamera(FOV, 1, 0.01, 100);
-    const lamp = new DirectionalLight(0xffffff, 2);
-    lamp.position.set(-1, 2, 3);
-    this.camera.add(lamp);
-    this.scene.add(this.camera);
+    Object.assign(this, openStage($('canvas'), FOV, asked.get('up') === 'z'));
     this.uniforms = { errorUnits: { value: 0 }, focalPixels: { value: 1 }, showError: { value: 0 } };
     const offset = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 2, side: DoubleSide };
     this.materials = {
@@ -137,7 +131,6 @@ class Page {
       if (asked.has(name)) $(name).checked = asked.get(name) === '1';
       $(name).addEventListener('change', () => this.settings());
     }
-    if (asked.get('up') === 'z') this.camera.up.set(0, 0, 1);
     if (asked.has('pixels')) $('pixels').value = asked.get('pixels');
     $('pixels').addEventListener('change', () => this.settings());
     $('level').addEventListener('change', () => this.load());

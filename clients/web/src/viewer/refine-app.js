@@ -3,15 +3,13 @@
  *   /viewer/refine.html#model=ID&kind=gaze&base=cluster:2&steps=4&up=z
  */
 
-import {
-  BufferAttribute, BufferGeometry, DirectionalLight, DoubleSide, HemisphereLight, Mesh, MeshStandardMaterial, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3,
-  WebGLRenderer,
-} from 'three';
+import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshStandardMaterial, Raycaster, Vector2, Vector3 } from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { makeDraco } from '../three/loader.js';
 import { Births, Refinement } from '../wasm/refine.js';
 import { formatCount } from './format.js';
+import { openStage } from './stage.js';
 
 const FOV = 45;
 const GROW_SECONDS = 0.3;
@@ -85,14 +83,7 @@ function growing(material, uniforms) {
 
 class Page {
   constructor() {
-    this.renderer = new WebGLRenderer({ canvas: $('canvas'), antialias: true, alpha: true, preserveDrawingBuffer: true });
-    this.scene = new Scene();
-    this.scene.add(new HemisphereLight(0xffffff, 0x8899aa, 1.6));
-    this.camera = new PerspectiveCamera(FOV, 1, 0.01, 100);
-    const lamp = new DirectionalLight(0xffffff, 2);
-    lamp.position.set(-1, 2, 3);
-    this.camera.add(lamp);
-    this.scene.add(this.camera);
+    Object.assign(this, openStage($('canvas'), FOV, asked.get('up') === 'z'));
     this.uniforms = { now: { value: 0 }, grow: { value: GROW_SECONDS } };
     this.surface = new Mesh(new BufferGeometry(), growing(new MeshStandardMaterial({ color: 0xc9b79c, roughness: 0.55, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }), this.uniforms));
     this.wires = new Mesh(this.surface.geometry, growing(new MeshStandardMaterial({ color: 0x1b2a38, wireframe: true }), this.uniforms));
@@ -107,7 +98,6 @@ class Page {
       this.mouse.set(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
     });
     if (asked.get('kind') in HINTS) $('kind').value = asked.get('kind');
-    if (asked.get('up') === 'z') this.camera.up.set(0, 0, 1);
     if (asked.get('steps')) $('steps').value = asked.get('steps');
     $('kind').addEventListener('change', () => this.explain());
     $('canvas').addEventListener('click', () => {
