@@ -109,7 +109,8 @@ static enum lod_status import_with_scratch(struct lod_reader *reader, struct lod
     return lod_reader_bad(reader, "empty", "the file has no bytes");
   if (!reader->format)
     return lod_reader_fail(reader, LOD_UNSUPPORTED, "unknown-format",
-                           "neither the content nor the name says which format this is; expected glTF, PLY, STL, OBJ, OFF, FBX, ...");
+                           "neither the content nor the name says which format this is; expected glTF, PLY, STL, OBJ, OFF, FBX, ..., "
+                           "or a name that ends in the format (.bv, .dxf, ...)");
   LOD_TRY(read_with(reader));
   LOD_TRY(lod_reader_progress(reader, 0.5));
   uint64_t source_vertices = reader->source_vertices ? reader->source_vertices : reader->vertices;

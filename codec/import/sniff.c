@@ -4,6 +4,7 @@
 #include <strings.h>
 
 #include "codec/import/import.h"
+#include "codec/import/number.h"
 
 struct view {
   const uint8_t *bytes;
@@ -126,6 +127,30 @@ static bool looks_like_off(struct view v) {
   return false;
 }
 
+/* A line of `count` numbers and no more; whole ones from 1 up where `most` is not 0. Moves past it. */
+static bool line_of_numbers(struct view *v, int count, uint32_t most) {
+  const char *at = (const char *)v->bytes, *end = memchr(at, '\n', v->size < 4096 ? v->size : 4096);
+  if (end == NULL)
+    return false;
+  for (int i = 0; i < count; i++) {
+    double value;
+    lod_number_skip_blanks(&at, end);
+    if (at == end || !lod_number_read(&at, end, &value))
+      return false;
+    if (most != 0 && !(value >= 1 && value <= most && value == (double)(uint32_t)value))
+      return false;
+  }
+  lod_number_skip_space(&at, end);
+  size_t read = (size_t)(end + 1 - (const char *)v->bytes);
+  *v = (struct view){v->bytes + read, v->size - read};
+  return at == end;
+}
+
+/* How many patches, the first one's two degrees, its first point: a line each. */
+static bool looks_like_bpt(struct view v) {
+  return line_of_numbers(&v, 1, UINT32_MAX) && line_of_numbers(&v, 2, 9) && line_of_numbers(&v, 3, 0);
+}
+
 static const char *sniff_text(struct view v, const char *by_name) {
   if (starts_with(v, "{") && (contains(v, v.size, "\"asset\"") || (by_name && strcmp(by_name, "gltf") == 0)))
     return "gltf";
@@ -164,8 +189,10 @@ const char *lod_import_sniff(const uint8_t *bytes, size_t size, const char *name
     format = sniff_text(skip_space(v), by_name);
   if (format)
     return format;
-  /* Plain numbers and words: the name decides, "v 1 2 3" lines are OBJ when it says nothing. */
+  /* Plain numbers and words: the name decides, when it says nothing, "v 1 2 3" lines are OBJ, and a count, degrees and points BPT. */
   if (by_name)
     return by_name;
-  return looks_like_obj(v) ? "obj" : NULL;
+  if (looks_like_obj(v))
+    return "obj";
+  return looks_like_bpt(skip_space(v)) ? "bpt" : NULL;
 }

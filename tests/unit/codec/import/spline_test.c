@@ -46,6 +46,20 @@ static void a_parabola_is_met_within_the_rounding_told(void **state) {
   test_import_end(&i);
 }
 
+static void a_patch_file_needs_no_ending(void **state) {
+  (void)state;
+  struct test_import i = import_text("\n1 \r\n1 1\r\n0 0 0\r\n0 1 0\n1 0 0\n1 1 0\n", "upload");
+  test_expect_ok(&i);
+  assert_string_equal(i.model.format, "bpt");
+  test_import_end(&i);
+  /* Numbers that are something else. */
+  expect("1\n1 1\n0 0 0 0\n", "upload", "unknown-format", "ends in the format");
+  expect("1\n10 1\n0 0 0\n", "upload", "unknown-format", "ends in the format");
+  expect("1 1\n1 1\n0 0 0\n", "upload", "unknown-format", "ends in the format");
+  expect("0.5\n1 1\n0 0 0\n", "upload", "unknown-format", "ends in the format");
+  expect("1\n1 1\n0 0 0", "upload", "unknown-format", "ends in the format");
+}
+
 static void patches_that_share_an_edge_share_its_vertices(void **state) {
   (void)state;
   /* The second patch sees the curved edge from its other end. */
@@ -254,6 +268,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_bilinear_patch_is_two_triangles),
       cmocka_unit_test(a_parabola_is_met_within_the_rounding_told),
+      cmocka_unit_test(a_patch_file_needs_no_ending),
       cmocka_unit_test(patches_that_share_an_edge_share_its_vertices),
       cmocka_unit_test(a_collapsed_side_leaves_no_flat_triangle),
       cmocka_unit_test(bezierview_triangles_and_rational_patches_are_read),
