@@ -240,6 +240,8 @@ static enum lod_status follow(const struct lod_deltas_request *request, uint32_t
   const struct lod_mesh *source = &request->model->units[u].mesh;
   const uint32_t count = coarse < request->source_levels ? source->vertex_count : request->made[coarse].meshes[u].vertex_count;
   *map = NULL;
+  if (fine > coarse && fine >= request->source_levels) /* ordered by error, against the maps */
+    return LOD_OK;
   uint32_t *to = LOD_NEW(arena, count, uint32_t);
   if (to == NULL)
     return LOD_MEMORY;
