@@ -56,6 +56,8 @@ static enum lod_status find_flat_parts(struct cluster_unit *unit, uint32_t part_
     const uint32_t *list = unit->wedges.list;
     uint32_t begin = unit->wedges.begin[v], end = unit->wedges.begin[v + 1];
     for (uint32_t i = begin; i < end; i++) {
+      if (state[list[i]] == UNSEEN) /* only triangles without area use it: its part is not known */
+        continue;
       if (state[list[i]] == BENT)
         smooth[part[list[i]]]++;
       bool differs = i > begin && state[list[i]] == PLANE && state[list[i - 1]] == PLANE &&

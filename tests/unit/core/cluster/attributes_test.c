@@ -180,6 +180,44 @@ static void a_smooth_sphere_stays_smooth_and_a_faceted_one_faceted(void **state)
   }
 }
 
+/* Wedges that only a triangle without area uses belong to no plane and no part. */
+static void wedges_of_flat_triangles_alone_change_nothing(void **state) {
+  (void)state;
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_mesh mesh = lod_shape_sphere(arena, 1, 3), more;
+  add_normals(arena, &mesh, false);
+  const uint32_t extra = 400, t0 = mesh.triangle_count, w0 = mesh.wedge_count;
+  more = mesh;
+  more.triangles = lod_arena_alloc(arena, t0 + extra, sizeof *more.triangles);
+  more.corners = lod_arena_alloc(arena, t0 + extra, sizeof *more.corners);
+  more.normals = lod_arena_alloc(arena, w0 + 3 * (size_t)extra, sizeof *more.normals);
+  more.wedge_vertex = LOD_NEW(arena, w0 + 3 * (size_t)extra, uint32_t);
+  memcpy(more.triangles, mesh.triangles, t0 * sizeof *more.triangles);
+  memcpy(more.corners, mesh.corners, t0 * sizeof *more.corners);
+  memcpy(more.normals, mesh.normals, w0 * sizeof *more.normals);
+  memcpy(more.wedge_vertex, mesh.wedge_vertex, w0 * sizeof *more.wedge_vertex);
+  for (uint32_t i = 0; i < extra; i++) {
+    const uint32_t *v = mesh.triangles[i % t0], flat[3] = {v[0], v[1], v[1]};
+    memcpy(more.triangles[t0 + i], flat, sizeof flat);
+    for (uint32_t k = 0; k < 3; k++) {
+      uint32_t w = w0 + 3 * i + k;
+      more.corners[t0 + i][k] = w;
+      more.wedge_vertex[w] = flat[k];
+      memcpy(more.normals[w], (float[3]){0, 0, 1}, sizeof more.normals[w]);
+    }
+  }
+  more.triangle_count += extra;
+  more.wedge_count += 3 * extra;
+  struct lod_level plain = level_of(arena, &mesh, NULL, 0.3), with = level_of(arena, &more, NULL, 0.3);
+  assert_int_equal(with.meshes[0].triangle_count, plain.meshes[0].triangle_count);
+  assert_int_equal(with.meshes[0].vertex_count, plain.meshes[0].vertex_count);
+  for (uint32_t t = 0; t < with.meshes[0].triangle_count; t++)
+    for (int k = 0; k < 3; k++) /* still faceted */
+      assert_true(lod_vec3_dot(lod_vec3_from_float(with.meshes[0].normals[with.meshes[0].corners[t][k]]), face_normal(&with.meshes[0], t)) >
+                  0.99999);
+  lod_arena_destroy(arena);
+}
+
 /* A roof of two smooth slopes with a hard ridge: wedges on the ridge differ, each slope is shaded by itself. */
 static void a_ridge_stays_sharp(void **state) {
   (void)state;
@@ -294,6 +332,7 @@ int main(void) {
       cmocka_unit_test(a_chart_too_small_to_be_seen_is_merged_without_jumping_across_the_atlas),
       cmocka_unit_test(materials_and_parts_are_those_of_the_source_and_do_not_mix),
       cmocka_unit_test(a_smooth_sphere_stays_smooth_and_a_faceted_one_faceted),
+      cmocka_unit_test(wedges_of_flat_triangles_alone_change_nothing),
       cmocka_unit_test(a_ridge_stays_sharp),
       cmocka_unit_test(colours_are_never_averaged),
       cmocka_unit_test(a_tube_becomes_edges_as_thick_as_the_tube),
