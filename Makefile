@@ -20,7 +20,7 @@ CXX := $(CXX_$(config))
 FLAGS_release := -O3 -g1 -DNDEBUG
 FLAGS_debug := -O1 -g
 FLAGS_sanitize := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined
-FLAGS_fuzz := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined,fuzzer-no-link -fno-sanitize-recover=undefined
+FLAGS_fuzz := -O2 -g -fno-omit-frame-pointer -fsanitize=address,undefined,fuzzer-no-link -fno-sanitize-recover=undefined
 
 # V=1 shows the commands.
 Q := $(if $(V),,@)

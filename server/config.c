@@ -41,6 +41,7 @@ static const struct setting {
     {"connections", "N", COUNT, AT(connections), "4096", 4, 1000000, "Connections at once over all loops; more wait in the backlog."},
     {"address-connections", "N", COUNT, AT(address_connections), "1024", 0, 1000000,
      "Connections of one address (IPv6: of one /64 network); more are answered 503. 0: no limit, for use behind a proxy."},
+    {"wait-seconds", "N", COUNT, AT(wait_seconds), "2", 1, 3600, "At the limit of connections for this long, who waits is answered 503."},
     {"header-seconds", "N", COUNT, AT(header_seconds), "10", 1, 3600,
      "From a request's first byte to the end of its headers; longer is cut."},
     {"idle-seconds", "N", COUNT, AT(idle_seconds), "60", 1, 86400, "A connection without a request is closed after this long."},
@@ -313,9 +314,9 @@ void lod_config_help(FILE *out) {
 }
 
 /* What a running daemon takes over. */
-static const char *const kLive[] = {"token-file",     "tls-cert",     "tls-key",      "cors",       "log-level",
-                                    "header-seconds", "idle-seconds", "rate-seconds", "rate-bytes", "drain-seconds",
-                                    "upload-bytes",   "store-bytes",  "refined-bytes"};
+static const char *const kLive[] = {"token-file",    "tls-cert",       "tls-key",      "cors",         "log-level",
+                                    "wait-seconds",  "header-seconds", "idle-seconds", "rate-seconds", "rate-bytes",
+                                    "drain-seconds", "upload-bytes",   "store-bytes",  "refined-bytes"};
 
 void lod_config_fixed_differences(const struct lod_config *a, const struct lod_config *b, char *names, size_t size) {
   *names = 0;

@@ -13,7 +13,8 @@ struct lod_config {
   char *store, *listen, *models, *token_file, *tls_cert, *tls_key, *viewer, *worker, *log, *log_level, *cors, *families, *later_families,
       *envelope;    /* "" = not set */
   char *token_name; /* of --make-token; NULL = none */
-  uint64_t loops, connections, address_connections, header_seconds, idle_seconds, rate_seconds, rate_bytes, drain_seconds, cached_objects;
+  uint64_t loops, connections, address_connections, wait_seconds, header_seconds, idle_seconds, rate_seconds, rate_bytes, drain_seconds,
+      cached_objects;
   uint64_t store_bytes, upload_bytes, bakes, bake_threads, bake_queue, bake_seconds, bake_memory;
   uint64_t refine_workers, refine_queue, refine_seconds, refine_memory, refine_triangles, refined_bytes;
   uint64_t limit_vertices, limit_triangles, limit_instances, limit_depth, limit_texture_pixels,

@@ -1,5 +1,6 @@
 #!/bin/bash
-# Runs every test program that is built, one line each, and the whole output of those that fail. The last line is the count.
+# Runs every test program that is built, one line each, and the whole output of those that fail. At the end, for a record that keeps no more
+# than that, once again what failed in each (at most SUMMARY_LINES lines). The last line is the count.
 #
 #   tests/run.sh            all: unit, property and golden tests of build/release and build/sanitize, fuzz replays, lint, node tests
 #   tests/run.sh sanitize   only what is built with sanitizers
@@ -71,9 +72,26 @@ run_one() {
   [ "$failed" -eq 0 ] || more=", $failed failed"
   [ "$skipped" -eq 0 ] || more="$more, $skipped skipped"
   local hundredths=$(((end - begin) / 10000000))
-  printf '%d %d %d %-4s %4d.%02d s  %s (%d passed%s)\n' "$passed" "$failed" $status $verdict $((hundredths / 100)) $((hundredths % 100)) \
+  printf '%d %d %d %s %-4s %4d.%02d s  %s (%d passed%s)\n' "$passed" "$failed" $status "$kind" $verdict $((hundredths / 100)) $((hundredths % 100)) \
     "$label" "$passed" "$more" >"$out/$number.part"
   mv "$out/$number.part" "$out/$number.result"
+}
+
+SUMMARY_LINES=60
+
+# kind log: what in the output of a failed program says which tests failed and why.
+failures() {
+  local log=$2 picked=$out/picked
+  case $1 in
+  node) awk '/^ *not ok / { keep = 1 } keep || /Sanitizer|runtime error/ { print } /^ *\.\.\.$/ { keep = 0 }' "$log" >"$picked" ;;
+  lines) awk '/^not ok/ { keep = 1 } /^ok/ { keep = 0 } keep' "$log" >"$picked" ;;
+  *) grep -aE -B 1 -A 8 '^\[  (ERROR  |FAILED )|Sanitizer|runtime error|^Stopped:|[Aa]ssert|not ok' "$log" | grep -v '^--$' >"$picked" ;;
+  esac
+  [ -s "$picked" ] || tail -n 20 "$log" >"$picked"
+  [ "$(wc -l <"$picked")" -le $SUMMARY_LINES ] || { head -n $SUMMARY_LINES "$picked"; echo "(and more, above)"; } >"$picked.head"
+  [ ! -e "$picked.head" ] || mv "$picked.head" "$picked"
+  tail -n 1 "$log" | grep -q '^Stopped:' && ! grep -q '^Stopped:' "$picked" && tail -n 1 "$log" >>"$picked"
+  cut -c 1-240 "$picked"
 }
 
 total_passed=0
@@ -84,10 +102,13 @@ reported=0
 # Prints what is done, in order, however the programs overlap.
 report() {
   while [ $reported -lt $next ] && [ -e "$out/$reported.result" ]; do
-    local passed failed status line
-    read -r passed failed status line <"$out/$reported.result"
+    local passed failed status kind line
+    read -r passed failed status kind line <"$out/$reported.result"
     printf '%s\n' "$line"
-    [ "$status" -eq 0 ] || sed 's/^/    /' "$out/$reported.log"
+    if [ "$status" -ne 0 ]; then
+      sed 's/^/    /' "$out/$reported.log"
+      { printf '%s\n' "$line"; failures "$kind" "$out/$reported.log" | sed 's/^/    /'; } >>"$out/failures"
+    fi
     total_passed=$((total_passed + passed))
     total_failed=$((total_failed + failed))
     rm -f "$out/$reported.log" "$out/$reported.result"
@@ -141,5 +162,9 @@ if [ "$what" = all ]; then
   done
 fi
 [ $next -gt 0 ] || echo "No test program was found."
+if [ -e "$out/failures" ]; then
+  echo "Once more, what failed:"
+  cat "$out/failures"
+fi
 echo "$total_passed passed, $total_failed failed"
 [ $total_failed -eq 0 ] && [ $total_passed -gt 0 ]

@@ -18,14 +18,17 @@ program() { # config name body: a built test program and its source
   chmod +x "$tree/build/$1/tests/unit/$2_test"
 }
 
+limit=300 # seconds that a program has; no matter how slow the machine is, those below need less
 run() { # arguments...: keeps output and exit status
-  LODESTREAM_TEST_SECONDS=2 "$tree/tests/run.sh" "$@" >"$tree/log" 2>&1
+  LODESTREAM_TEST_SECONDS=$limit "$tree/tests/run.sh" "$@" >"$tree/log" 2>&1
   code=$?
 }
 
 last_line_is() { [ "$(tail -n 1 "$tree/log")" = "$1" ] && [ $code -eq "$2" ]; }
 says() { grep -qF -- "$1" "$tree/log"; }
 is_silent_about() { ! says "$1"; }
+ends_with() { sed '1,/^Once more/d' "$tree/log" | grep -qF -- "$1"; } # the summary of failures says it
+ends_without() { ! ends_with "$1"; }
 
 two_good='echo "[ RUN      ] a"; echo "[       OK ] a"; echo "[       OK ] b"; echo "[  PASSED  ] 2 test(s)."; echo detail-good'
 one_bad='echo "[       OK ] a"; echo "[  FAILED  ] b"; echo "[  FAILED  ] 1 test(s), listed below:"; echo "[  FAILED  ] b"; echo detail-bad; exit 1'
@@ -47,15 +50,26 @@ program sanitize bad "$one_bad"
 run sanitize
 claim "a failed test is counted once and fails the run" last_line_is "3 passed, 1 failed" 1
 claim "the output of what fails is shown" says detail-bad
+claim "the end says again which test failed" ends_with "[  FAILED  ] b"
+claim "and in which program" ends_with "sanitize tests/unit/bad_test"
+claim "but nothing of what passed" ends_without good_test
+
+program sanitize bad 'for i in $(seq 500); do echo "[  FAILED  ] line $i"; done; exit 1'
+run sanitize
+claim "the summary is short" ends_without "line 61"
+claim "and says that there is more" ends_with "(and more, above)"
 
 program sanitize bad 'echo "[       OK ] a"; kill -SEGV $$'
 run sanitize
 claim "a program that dies is one failure" last_line_is "3 passed, 1 failed" 1
 
-program sanitize bad 'echo "[       OK ] a"; exec sleep 30'
+program sanitize bad 'echo "[       OK ] a"; exec sleep 300'
+limit=8
 run sanitize
+limit=300
 claim "a program that hangs is stopped and is one failure" last_line_is "3 passed, 1 failed" 1
-claim "and the log says so" says "ran longer than 2 seconds"
+claim "and the log says so" says "ran longer than 8 seconds"
+claim "and its end too" ends_with "ran longer than 8 seconds"
 
 program sanitize bad 'exit 0'
 run sanitize
@@ -83,5 +97,7 @@ if command -v node >/dev/null 2>&1; then
   run
   claim "node tests are counted one by one" last_line_is "6 passed, 1 failed" 1
   claim "and their failures shown" says detail-node
+  claim "at the end too" ends_with detail-node
+  claim "where the tests that passed are left out" ends_without "ok 1 - a"
 fi
 exit $status

@@ -18,10 +18,9 @@
 enum {
   POOL_BYTES = 16 << 10, /* MHD clears the whole pool after each request; 16 KiB suits browsers' headers */
   SWEEP_MS = 1000,
-  SLICES = 20,           /* of a sweep over many connections: each asks the kernel about one, and nobody shall wait for thousands */
-  SLICE_MIN = 64,        /* connections */
-  HAND_OVER = 2,         /* a loop that has so many connections more than another gives it the next */
-  SATURATED_SECONDS = 2, /* at the limit of connections for so long: who waits is told so */
+  SLICES = 20,    /* of a sweep over many connections: each asks the kernel about one, and nobody shall wait for thousands */
+  SLICE_MIN = 64, /* connections */
+  HAND_OVER = 2,  /* a loop that has so many connections more than another gives it the next */
   DRAIN_SWEEP_MS = 20,
   COPIES_MAX = 12 << 20, /* bytes in the buffers of one loop */
 };
@@ -247,61 +246,118 @@ static void watch_streams(struct loop *loop) {
 
 /* ---- accepting ---- */
 
-/* MHD has accepted a socket for this loop: another one takes it when it has less to do. The kernel spreads connections over the listeners
- * by a hash, which leaves few connections badly spread, and a listener that systemd opened is on one loop alone. */
-static bool admit(void *context, int fd, const struct sockaddr *address, socklen_t size) {
-  struct loop *loop = context, *least = loop;
-  struct lod_http *http = loop->http;
-  for (uint32_t i = 0; i < http->loop_count; i++)
-    if (http->loops[i].count < least->count)
-      least = &http->loops[i];
-  if (loop->count < least->count + HAND_OVER || size > sizeof least->guests->address)
-    return true;
-  pthread_mutex_lock(&least->lock);
-  bool taken = least->guest_count < GUESTS && least->count + least->guest_count + HAND_OVER <= loop->count;
+/* Connections that a loop serves, and those that wait for it. */
+static uint32_t load_of(const struct loop *loop) {
+  return atomic_load(&loop->count) + atomic_load(&loop->guest_count);
+}
+
+/* False when there is no more room for guests, or the loop has come to hold more than `most`. */
+static bool add_guest(struct loop *loop, uint32_t most, int fd, const struct sockaddr *address, socklen_t size) {
+  pthread_mutex_lock(&loop->lock);
+  const bool taken = loop->guest_count < GUESTS && load_of(loop) <= most;
   if (taken) {
-    struct guest *guest = &least->guests[least->guest_count++];
+    struct guest *guest = &loop->guests[loop->guest_count++];
     guest->fd = fd;
     guest->size = size;
     memcpy(&guest->address, address, size);
   }
-  pthread_mutex_unlock(&least->lock);
-  if (taken)
-    lod_loop_wake(least);
-  return !taken;
+  pthread_mutex_unlock(&loop->lock);
+  return taken;
 }
 
+/* Gives the socket to a loop that has less to do. The kernel spreads connections over the listeners by a hash, which leaves few connections
+ * badly spread, and a listener that systemd opened is on one loop alone. */
+static bool hand_over(struct loop *loop, int fd, const struct sockaddr *address, socklen_t size) {
+  struct loop *least = loop;
+  struct lod_http *http = loop->http;
+  for (uint32_t i = 0; i < http->loop_count; i++)
+    if (load_of(&http->loops[i]) < load_of(least))
+      least = &http->loops[i];
+  const uint32_t own = load_of(loop);
+  if (own < load_of(least) + HAND_OVER || !add_guest(least, own - HAND_OVER, fd, address, size))
+    return false;
+  lod_loop_wake(least);
+  return true;
+}
+
+/* MHD has accepted a socket for this loop. It does so once after its limit was reached, and would close it. */
+static bool admit(void *context, int fd, const struct sockaddr *address, socklen_t size) {
+  struct loop *loop = context;
+  if (size > sizeof loop->guests->address)
+    return true;
+  return !hand_over(loop, fd, address, size) && (loop->count < loop->share || !add_guest(loop, UINT32_MAX, fd, address, size));
+}
+
+/* As many as there is room for; MHD would close the others. */
 static void take_guests(struct loop *loop) {
   struct guest guests[GUESTS];
+  const uint32_t room = loop->count < loop->share ? loop->share - loop->count : 0;
   pthread_mutex_lock(&loop->lock);
-  uint32_t count = loop->guest_count;
+  const uint32_t count = loop->guest_count < room ? loop->guest_count : room;
   memcpy(guests, loop->guests, count * sizeof *guests);
-  loop->guest_count = 0;
+  loop->guest_count -= count;
+  memmove(loop->guests, loop->guests + count, loop->guest_count * sizeof *guests);
   pthread_mutex_unlock(&loop->lock);
   for (uint32_t i = 0; i < count; i++)
     MHD_add_connection(loop->daemon, guests[i].fd, (const struct sockaddr *)&guests[i].address,
                        guests[i].size); /* closes what it refuses */
 }
 
-/* At the limit, who comes waits in the backlog. When that takes long they are told, so that they can go elsewhere. */
-static void refuse_waiting(struct loop *loop) {
+static bool take_first_guest(struct loop *loop, struct guest *guest) {
+  pthread_mutex_lock(&loop->lock);
+  const bool any = loop->guest_count > 0;
+  if (any) {
+    *guest = loop->guests[0];
+    loop->guest_count--;
+    memmove(loop->guests, loop->guests + 1, loop->guest_count * sizeof *guest);
+  }
+  pthread_mutex_unlock(&loop->lock);
+  return any;
+}
+
+static bool put_first_guest(struct loop *loop, const struct guest *guest) {
+  pthread_mutex_lock(&loop->lock);
+  const bool room = loop->guest_count < GUESTS;
+  if (room) {
+    memmove(loop->guests + 1, loop->guests, loop->guest_count * sizeof *guest);
+    loop->guests[0] = *guest;
+    loop->guest_count++;
+  }
+  pthread_mutex_unlock(&loop->lock);
+  return room;
+}
+
+/* MHD does not accept at its limit; `admit` makes guests of those in the backlog while there is room for guests. */
+static bool next_waiting(struct loop *loop, struct guest *guest) {
+  if (take_first_guest(loop, guest))
+    return true;
+  guest->size = sizeof guest->address;
+  guest->fd =
+      loop->listener < 0 ? -1 : accept4(loop->listener, (struct sockaddr *)&guest->address, &guest->size, SOCK_NONBLOCK | SOCK_CLOEXEC);
+  return guest->fd >= 0 || take_first_guest(loop, guest);
+}
+
+/* At the limit, who comes waits: in the backlog, or as a guest. Another loop may have room. When waiting takes long they are told, so that
+ * they can go elsewhere. */
+static void help_waiting(struct loop *loop) {
   enum { AT_ONCE = 64 };
+  struct guest guest;
   if (loop->count < loop->share) {
     loop->saturated = 0;
     return;
   }
   if (loop->saturated == 0)
     loop->saturated = loop->now;
-  if (loop->now - loop->saturated < SATURATED_SECONDS || loop->listener < 0)
-    return;
-  for (int i = 0; i < AT_ONCE; i++) {
-    int fd = accept4(loop->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
-    if (fd < 0)
+  const bool tell = loop->now - loop->saturated >= (double)loop->http->service->config->wait_seconds;
+  for (int i = 0; i < AT_ONCE && next_waiting(loop, &guest); i++) {
+    if (hand_over(loop, guest.fd, (struct sockaddr *)&guest.address, guest.size))
+      continue;
+    if (!tell && put_first_guest(loop, &guest))
       return;
     lod_metrics_cut(loop->http->service->metrics, LOD_CUT_OVERLOAD);
-    refuse_connection(fd, loop->http->tls);
-    lod_linger_add(loop->linger, fd, loop->now);
-    close(fd);
+    refuse_connection(guest.fd, loop->http->tls);
+    lod_linger_add(loop->linger, guest.fd, loop->now);
+    close(guest.fd);
   }
 }
 
@@ -338,7 +394,7 @@ static int sweep(struct loop *loop, bool draining, bool late) {
     resume_streams(loop);
     MHD_run(loop->daemon);
     lod_linger_sweep(loop->linger, loop->now);
-    refuse_waiting(loop);
+    help_waiting(loop);
   }
   uint32_t left = draining ? UINT32_MAX : loop->count / slices + 1;
   for (struct connection *next; loop->sweep_at && left > 0; left--) {
@@ -447,6 +503,8 @@ static void *run_loop(void *argument) {
     if (loop->now >= loop->next_slice || draining)
       loop->next_slice = loop->now + 1e-3 * sweep(loop, draining, late);
     MHD_run(loop->daemon);
+    if (loop->guest_count > 0 && loop->count < loop->share)
+      take_guests(loop);
     if (loop->streams)
       watch_streams(loop);
     if (draining && (loop->count == 0 || late) && !any_suspended(loop))

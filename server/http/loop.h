@@ -76,11 +76,11 @@ struct loop {
   uint32_t bulk;  /* connections with `bulk` */
   uint32_t share; /* of the limit of connections */
   double now, next_slice, saturated;
-  _Atomic double beat;     /* `now` for others: whether this loop still turns */
-  pthread_mutex_t lock;    /* guards the next three */
-  struct connection *done; /* whose background work has ended */
-  struct guest guests[GUESTS];
-  uint32_t guest_count;
+  _Atomic double beat;          /* `now` for others: whether this loop still turns */
+  pthread_mutex_t lock;         /* guards the next three */
+  struct connection *done;      /* whose background work has ended */
+  struct guest guests[GUESTS];  /* in the order in which they came */
+  _Atomic uint32_t guest_count; /* changed under the lock */
 };
 
 struct lod_http {

@@ -103,7 +103,7 @@ test('a model is served with its first families, and then with the later ones to
     const { headers } = await twice.curl('/v1/models/ball', ['-T', file]);
     const first = await twice.finished(headers.location);
     assert.equal(first.state, 'done', JSON.stringify(first.problem));
-    const second = await twice.finished(`/v1/jobs/${first.next}`, 60);
+    const second = await twice.finished(`/v1/jobs/${first.next}`);
     assert.equal(second.state, 'done', JSON.stringify(second.problem));
     assert.equal(second.next, undefined);
     const { json: manifest } = await twice.json('/v1/models/ball');
@@ -124,7 +124,7 @@ test('the family envelope is baked nested where the daemon is asked to, and sent
     fs.writeFileSync(file, sphere(24, 48).text);
     const { headers } = await nested.curl('/v1/models/ball', ['-T', file]);
     const first = await nested.finished(headers.location);
-    const second = await nested.finished(`/v1/jobs/${first.next}`, 60);
+    const second = await nested.finished(`/v1/jobs/${first.next}`);
     assert.equal(second.state, 'done', JSON.stringify(second.problem));
     const { json: manifest } = await nested.json('/v1/models/ball');
     const { levels } = manifest.families.envelope;

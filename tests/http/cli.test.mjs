@@ -409,7 +409,7 @@ test('bake that is killed leaves no manifest, and the next one into the same fol
   fs.writeFileSync(large, asPly(wavySphere(220)));
   const child = spawn(tool, ['bake', large, '-o', 'killed', '-j', '1'], { cwd: folder, stdio: 'ignore' });
   const ended = new Promise((resolve) => child.on('exit', (status, signal) => resolve(signal)));
-  await eventually('the bake has begun', () => fs.existsSync(at('killed')), 20);
+  await eventually('the bake has begun', () => fs.existsSync(at('killed')));
   await new Promise((resolve) => setTimeout(resolve, 150));
   child.kill('SIGKILL');
   assert.equal(await ended, 'SIGKILL', 'it was done before it could be killed');

@@ -17,8 +17,8 @@ export function makeDirectory() {
   return fs.mkdtempSync(path.join(os.tmpdir(), 'lodestream-test-'));
 }
 
-// Polls until `probe` gives something true, which is returned; fails after `seconds`.
-export async function eventually(what, probe, seconds = 20) {
+// Polls until `probe` gives something true, which is returned; fails after `seconds`, which only a fault takes: no test measures time by them.
+export async function eventually(what, probe, seconds = 180) {
   const end = Date.now() + seconds * 1000;
   for (;;) {
     const result = await probe();
@@ -58,9 +58,11 @@ export class Daemon {
     daemon.child.stderr.on('data', (data) => (daemon.log += data));
     let out = '';
     daemon.child.stdout.on('data', (data) => (out += data));
+    let ended = false; // and the polling with it
     const started = await Promise.race([
-      eventually('the line with the address', () => /^listening on (https?:\/\/\S+)\n/.exec(out)),
+      eventually('the line with the address', () => /^listening on (https?:\/\/\S+)\n/.exec(out) ?? ended),
       daemon.exited.then((how) => {
+        ended = true;
         fs.rmSync(daemon.directory, { recursive: true, force: true });
         throw new Error(`lodestreamd ended: ${JSON.stringify(how)}\n${daemon.log}`);
       }),
@@ -71,7 +73,7 @@ export class Daemon {
   }
 
   // SIGTERM, then SIGKILL after `seconds`; removes the folder. Gives how it ended.
-  async stop(seconds = 20) {
+  async stop(seconds = 60) {
     this.child.kill('SIGTERM');
     const timer = setTimeout(() => this.child.kill('SIGKILL'), seconds * 1000);
     const how = await this.exited;
@@ -98,7 +100,7 @@ export class Daemon {
     return this.finished(response.headers.location);
   }
 
-  async finished(job, seconds = 20) {
+  async finished(job, seconds = 180) {
     return eventually(`${job} ends`, async () => {
       const { json } = await this.json(job);
       return (json.state === 'done' || json.state === 'failed') && json;
@@ -129,7 +131,7 @@ export class Daemon {
 }
 
 export async function curl(url, args = [], input = null) {
-  const child = spawn('curl', ['-sS', '-i', '--path-as-is', '-m', '60', ...args, url], { stdio: ['pipe', 'pipe', 'pipe'] });
+  const child = spawn('curl', ['-sS', '-i', '--path-as-is', '-m', '180', ...args, url], { stdio: ['pipe', 'pipe', 'pipe'] });
   const chunks = [];
   let errors = '';
   child.stdout.on('data', (data) => chunks.push(data));

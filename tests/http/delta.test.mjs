@@ -20,7 +20,7 @@ before(async () => {
   daemon = await Daemon.start({ worker: tool, flags: ['--families', 'cluster,retile'] });
   fs.writeFileSync(file('ball.ply'), asPly(wavySphere(44)));
   const sent = await daemon.curl('/v1/models/ball?name=ball.ply', ['-T', file('ball.ply')]);
-  const job = await daemon.finished(sent.headers.location, 60);
+  const job = await daemon.finished(sent.headers.location);
   assert.equal(job.state, 'done', JSON.stringify(job));
   levels = (await daemon.json('/v1/models/ball')).json.families.retile.levels;
 });

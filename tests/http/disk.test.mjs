@@ -50,7 +50,7 @@ test('folders that may not be written are told by name, and uploads are taken ag
     assert.ok(refused.headers['retry-after']);
     assert.equal((await daemon.curl('/v1/models/m/level?error=1')).status, 200);
     lock('-i');
-    await eventually('it is ready again', async () => (await ready(daemon)).status === 200, 5);
+    await eventually('it is ready again', async () => (await ready(daemon)).status === 200);
     assert.equal((await daemon.finished((await put(daemon, 'n', recipe(5))).headers.location)).state, 'done');
   } finally {
     lock('-i');
@@ -76,7 +76,7 @@ test('disk that fills while a bake writes fails that bake alone', async (t) => {
     const big = grid(240); // 2.6 MB, and levels of more than what is left
     const accepted = await put(daemon, 'big', big);
     if (accepted.status === 202) {
-      const job = await daemon.finished(accepted.headers.location, 60);
+      const job = await daemon.finished(accepted.headers.location);
       assert.equal(job.state, 'failed');
       assert.equal(job.problem.type, '/problems/disk-full', JSON.stringify(job.problem));
       assert.equal(job.problem.status, 507);

@@ -22,7 +22,7 @@ const jobs = new Map(); // file -> how its job ended
 
 before(async () => {
   if (!files.length) return;
-  daemon = await Daemon.start({ worker: path.join(build, 'lodestream'), flags: ['--bakes', '2', '--bake-threads', '1', '--bake-seconds', '30'] });
+  daemon = await Daemon.start({ worker: path.join(build, 'lodestream'), flags: ['--bakes', '2', '--bake-threads', '1', '--bake-seconds', '300'] });
   for (const [i, file] of files.entries()) {
     const target = `/v1/models/m${i}?name=${encodeURIComponent(path.basename(file))}`;
     let response;
@@ -68,7 +68,7 @@ test('what was imported can be asked for, what was refused is not there', { skip
 test('daemon lives, and nothing is left over', { skip }, async () => {
   assert.equal((await daemon.curl('/readyz')).status, 200);
   assert.equal(daemon.child.exitCode, null);
-  await eventually('no leftovers', () => ['uploads', 'work'].every((name) => fs.readdirSync(path.join(daemon.store, name)).length === 0), 5);
+  await eventually('no leftovers', () => ['uploads', 'work'].every((name) => fs.readdirSync(path.join(daemon.store, name)).length === 0));
   assert.doesNotMatch(daemon.log, /signal \d+|Sanitizer|crash/);
   const ends = Object.fromEntries([...String((await daemon.curl('/metrics')).body).matchAll(/^lodestream_worker_ends_total\{cause="(\w+)"\} (\d+)$/gm)].map(([, cause, count]) => [cause, Number(count)]));
   if (print) console.log('workers ended:', JSON.stringify(ends));

@@ -38,14 +38,14 @@ function makeUpload() {
 
 function request(agent, daemon, method, target, body = null) {
   return new Promise((resolve, reject) => {
-    const outgoing = http.request({ agent, host: '127.0.0.1', port: daemon.port, method, path: target, timeout: 30000,
+    const outgoing = http.request({ agent, host: '127.0.0.1', port: daemon.port, method, path: target, timeout: 120000,
       headers: body ? { 'Content-Length': body.length } : {} }, (incoming) => {
       const chunks = [];
       incoming.on('data', (chunk) => chunks.push(chunk));
       incoming.on('error', reject);
       incoming.on('end', () => (incoming.complete ? resolve({ status: incoming.statusCode, headers: incoming.headers, body: Buffer.concat(chunks) }) : reject(new Error('cut'))));
     });
-    outgoing.on('timeout', () => outgoing.destroy(new Error('no answer in 30 s')));
+    outgoing.on('timeout', () => outgoing.destroy(new Error('no answer in 120 s')));
     outgoing.on('error', reject);
     outgoing.end(body);
   });
@@ -61,6 +61,7 @@ class Model {
   }
 }
 
+let rounds = 0;
 const totals = { put: 0, deleted: 0, lost: 0, reads: 0, refused: 0 };
 
 // Writes until the daemon is gone. Every request to a model waits for the one before, so their order is known.
@@ -140,7 +141,7 @@ const listOf = (store, name) => fs.readdirSync(path.join(store, name));
 
 // The daemon has no work left: what is found is what was acknowledged. Afterwards nothing is uncertain any more.
 async function compare(agent, daemon, models) {
-  await eventually('all jobs have ended', async () => (await daemon.metric('lodestream_jobs_queued')) + (await daemon.metric('lodestream_jobs_running')) === 0, 60);
+  await eventually('all jobs have ended', async () => (await daemon.metric('lodestream_jobs_queued')) + (await daemon.metric('lodestream_jobs_running')) === 0, 600);
   for (const model of models) {
     const answer = await request(agent, daemon, 'GET', `/v1/models/${model.id}`);
     const manifest = answer.status === 200 ? JSON.parse(answer.body) : null;
@@ -171,21 +172,24 @@ async function kill(daemon, store) {
   assert.deepEqual(await daemon.exited, { code: null, signal: 'SIGKILL' });
   fs.rmSync(daemon.directory, { recursive: true, force: true });
   assert.doesNotMatch(daemon.log, /Sanitizer|runtime error/);
-  await eventually('no worker outlives its daemon', () => workersOf(store).length === 0, 5);
+  await eventually('no worker outlives its daemon', () => workersOf(store).length === 0);
 }
 
 // Loads the daemon until it is killed, at a random moment.
 async function loadAndKill(daemon, store, models, agent) {
   const state = { dead: false };
   state.died = daemon.exited.then(() => (state.dead = true));
+  const before = totals.put;
   const clients = Array.from({ length: WRITERS }, (_, i) => write(agent, daemon, models.slice(i * MODELS, (i + 1) * MODELS), state));
   clients.push(read(agent, daemon, models, state), read(agent, daemon, models, state));
   await Promise.race([sleep(20 + random() ** 2 * 800), ...clients]);
+  if (before < 3 * rounds++) // a machine too slow for its share of work before the kill
+    await eventually('some uploads are acknowledged', () => state.dead || totals.put > before + 3);
   await kill(daemon, store);
   await Promise.all(clients);
 }
 
-test(`${kills} kills of the daemon at random moments lose nothing that was acknowledged`, { timeout: 60000 + kills * 20000 }, async () => {
+test(`${kills} kills of the daemon at random moments lose nothing that was acknowledged`, { timeout: 600000 + kills * 20000 }, async () => {
   const directory = makeDirectory();
   const store = path.join(directory, 'store');
   const models = Array.from({ length: WRITERS * MODELS }, (_, i) => new Model(`m${i}`));
@@ -217,5 +221,5 @@ test(`${kills} kills of the daemon at random moments lose nothing that was ackno
   fs.rmSync(directory, { recursive: true });
   console.log(`${kills} kills (${restarts} during recovery): ${totals.put} uploads and ${totals.deleted} deletes acknowledged, ${totals.lost} requests without an answer, ` +
     `${totals.refused} refused by a full queue, ${totals.reads} objects read under load; ${stray} files without a name found after the kills and swept`);
-  assert.ok(totals.put > 2 * kills && totals.lost > kills / 2, 'the kills did hit work');
+  assert.ok(totals.put > 2 * (rounds - 1) && totals.lost > rounds / 2, 'the kills did hit work');
 });

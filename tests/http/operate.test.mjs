@@ -86,7 +86,7 @@ test('SIGHUP reads settings, tokens and certificate again, and keeps the old one
   const reload = async (pattern) => {
     const from = daemon.log.length;
     daemon.child.kill('SIGHUP');
-    await eventually(`the log says ${pattern}`, () => pattern.test(daemon.log.slice(from)), 5);
+    await eventually(`the log says ${pattern}`, () => pattern.test(daemon.log.slice(from)));
   };
   try {
     assert.match(subject(), /first/);
@@ -144,15 +144,15 @@ test('service manager passes a socket, and hears of ready, reload, watchdog and 
   child.stdout.on('data', (data) => (out += data));
   child.stderr.on('data', (data) => (out += data));
   try {
-    await eventually('ready', () => /notice READY=1/.test(out), 20);
+    await eventually('ready', () => /notice READY=1/.test(out));
     const port = /port (\d+)/.exec(out)[1];
     const pid = Number(/pid (\d+)/.exec(out)[1]);
     assert.match(out, new RegExp(`listening on http://127.0.0.1:${port}`));
     const answers = await Promise.all(Array.from({ length: 8 }, () => curl(`http://127.0.0.1:${port}/healthz`)));
     assert.ok(answers.every((answer) => answer.status === 200));
-    await eventually('the watchdog is fed', () => (out.match(/notice WATCHDOG=1/g) ?? []).length >= 3, 10);
+    await eventually('the watchdog is fed', () => (out.match(/notice WATCHDOG=1/g) ?? []).length >= 3);
     process.kill(pid, 'SIGHUP');
-    await eventually('reloading', () => /notice RELOADING=1;MONOTONIC_USEC=\d+[^]*notice READY=1/.test(out), 10);
+    await eventually('reloading', () => /notice RELOADING=1;MONOTONIC_USEC=\d+[^]*notice READY=1/.test(out));
     process.kill(pid, 'SIGSTOP'); // a daemon that hangs is silent
     await sleep(300);
     const before = (out.match(/WATCHDOG/g) ?? []).length;
@@ -160,7 +160,7 @@ test('service manager passes a socket, and hears of ready, reload, watchdog and 
     assert.ok((out.match(/WATCHDOG/g) ?? []).length <= before + 1);
     process.kill(pid, 'SIGCONT');
     process.kill(pid, 'SIGTERM');
-    await eventually('stopped', () => /notice STOPPING=1[^]*exit 0/.test(out), 10);
+    await eventually('stopped', () => /notice STOPPING=1[^]*exit 0/.test(out));
   } finally {
     const pid = /pid (\d+)/.exec(out);
     if (pid && !/exit \d/.test(out)) process.kill(Number(pid[1]), 'SIGKILL');
@@ -231,7 +231,7 @@ test('store that becomes read-only is told by name, serves on, and takes uploads
     assert.equal(problemOf(refused), '/problems/disk-full');
     assert.equal((await daemon.curl('/v1/models/m/level?error=1')).status, 200);
     fs.unlinkSync(path.join(store, 'ballast'));
-    await eventually('it is ready again', async () => (await daemon.curl('/readyz')).status === 200, 5);
+    await eventually('it is ready again', async () => (await daemon.curl('/readyz')).status === 200);
     const taken = await put();
     assert.equal(taken.status, 202);
     assert.equal((await daemon.finished(taken.headers.location)).state, 'done');

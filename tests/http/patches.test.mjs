@@ -94,7 +94,7 @@ test('the daemon chooses among patches as among levels', async () => {
   try {
     const accepted = await daemon.curl('/v1/models/ball', ['-T', at('small.ply')]);
     assert.equal(accepted.status, 202, String(accepted.body));
-    const job = await daemon.finished(accepted.headers.location, 120);
+    const job = await daemon.finished(accepted.headers.location);
     assert.equal(job.state, 'done', JSON.stringify(job));
     const levels = (await daemon.json('/v1/models/ball')).json.families.clod.levels.filter((level) => level.patches);
     assert.ok(levels.length >= 2);

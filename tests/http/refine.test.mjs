@@ -31,7 +31,7 @@ async function baked(options = {}, model = torus(40, 18)) {
   const daemon = await Daemon.start({ worker, refine: 2, ...options });
   const upload = await daemon.curl('/v1/models/ring', ['-T', '-'], model);
   assert.equal(upload.status, 202, String(upload.body));
-  const job = await daemon.finished(upload.headers.location, 60 * slow);
+  const job = await daemon.finished(upload.headers.location, 180 * slow);
   assert.equal(job.state, 'done', JSON.stringify(job));
   return daemon;
 }
@@ -344,7 +344,7 @@ test('a full queue says 503 and when to come back; a client that goes cancels; l
     // After a client has gone its worker is soon free for the next.
     await Promise.allSettled([heavy(0)]);
     await eventually('an answer after clients that went', async () =>
-      (await own.curl('/v1/models/ring/refine?doi=contact&point=2,0,2&steps=2')).status === 200, 10 * slow);
+      (await own.curl('/v1/models/ring/refine?doi=contact&point=2,0,2&steps=2')).status === 200, 60 * slow);
   } finally {
     await own.stop(30);
   }

@@ -16,23 +16,30 @@ before(async () => {
 });
 after(() => daemon?.stop());
 
+const isCut = (socket) => eventually('it is cut', () => socket.isClosed);
 const get = (target) => `GET ${target} HTTP/1.1\r\nHost: x\r\n\r\n`;
 const count = (text, pattern) => (text.match(pattern) ?? []).length;
 
-// libmicrohttpd's own loop stalls when exactly 128 connections are ready at once; 127 and 129 were fine.
+// libmicrohttpd's own loop stalls when exactly 128 connections are ready at once, until the next sweep; 127 and 129 were fine. So a round of
+// 128 is held against those of its neighbours, whatever the machine's speed.
 test('no number of connections stalls', async () => {
   const one = await Daemon.start({ flags: ['--loops', '1'] });
   try {
+    const median = {};
     for (const connections of [127, 128, 129, 256]) {
       const sockets = await Promise.all(Array.from({ length: connections }, () => one.connect()));
-      const began = Date.now();
-      for (let round = 1; round <= 5; round++) {
+      const rounds = [];
+      for (let round = 1; round <= 9; round++) {
+        const began = performance.now();
         for (const socket of sockets) socket.write(get('/healthz'));
-        await eventually(`round ${round} of ${connections}`, () => sockets.every((socket) => count(socket.text, /\r\n\r\nok\n/g) === round), 10);
+        await eventually(`round ${round} of ${connections}`, () => sockets.every((socket) => count(socket.text, /\r\n\r\nok\n/g) === round));
+        rounds.push(performance.now() - began);
       }
-      assert.ok(Date.now() - began < 5000, `${connections}: ${Date.now() - began} ms`);
+      median[connections] = rounds.sort((a, b) => a - b)[4];
       for (const socket of sockets) socket.destroy();
     }
+    const usual = Math.max(median[127], median[129]);
+    for (const connections of [128, 256]) assert.ok(median[connections] < 8 * usual + 200, JSON.stringify(median));
   } finally {
     await one.stop();
   }
@@ -54,14 +61,13 @@ test('pipelined requests are all answered in order, however they are cut', async
 test('connection that drips its headers is cut, others are not', async () => {
   const slow = await daemon.connect();
   const began = Date.now();
-  const text = `GET /healthz HTTP/1.1\r\nHost: x\r\nX: ${'a'.repeat(200)}`;
+  const text = `GET /healthz HTTP/1.1\r\nHost: x\r\nX: ${'a'.repeat(400)}`;
   let at = 0;
   const timer = setInterval(() => slow.write(text[at++]), 250);
-  await Promise.race([slow.closed_, sleep(9000)]);
+  await isCut(slow);
   clearInterval(timer);
-  assert.ok(slow.isClosed);
   const seconds = (Date.now() - began) / 1000;
-  assert.ok(seconds > 1.9 && seconds < 6, `${seconds} s`);
+  assert.ok(seconds > 1.9, `${seconds} s`); // and while it still dripped
   const text2 = String((await daemon.curl('/metrics')).body);
   assert.match(text2, /connections_cut_total\{reason="headers"\} [1-9]/);
 });
@@ -70,22 +76,23 @@ test('drip after the request line is cut too', async () => {
   const slow = await daemon.connect();
   slow.write('GET /healthz HTTP/1.1\r\nHost: x\r\n');
   const timer = setInterval(() => slow.write('a: b\r\n'), 300);
-  await Promise.race([slow.closed_, sleep(9000)]);
+  await isCut(slow);
   clearInterval(timer);
-  assert.ok(slow.isClosed);
 });
 
 test('idle connection is closed, and one that asks now and then is kept', async () => {
   const idle = await daemon.connect();
   const busy = await daemon.connect();
   idle.write(get('/healthz'));
-  for (let i = 0; i < 7; i++) {
+  let asked = 0;
+  while (!idle.isClosed && asked < 100) {
     busy.write(get('/healthz'));
-    await sleep(1000);
+    asked++;
+    await sleep(800);
   }
   assert.ok(idle.isClosed);
+  await eventually('every answer', () => count(busy.text, /\r\n\r\nok\n/g) === asked);
   assert.ok(!busy.isClosed);
-  assert.equal(count(busy.text, /\r\n\r\nok\n/g), 7);
   busy.destroy();
 });
 
@@ -93,7 +100,7 @@ test('reader that trickles is cut, and one that reads steadily is not', async ()
   const trickle = await daemon.connect({ readableHighWaterMark: 1024 });
   trickle.pause();
   for (let i = 0; i < 4; i++) trickle.write(get(object)); // more than the kernel's buffers hold
-  await eventually('a slow reader is cut', async () => /connections_cut_total\{reason="slow-reader"\} [1-9]/.test(String((await daemon.curl('/metrics')).body)), 12);
+  await eventually('a slow reader is cut', async () => /connections_cut_total\{reason="slow-reader"\} [1-9]/.test(String((await daemon.curl('/metrics')).body)));
   trickle.destroy();
   const steady = await daemon.curl(object, ['--limit-rate', '600K']);
   assert.equal(steady.exit, 0, steady.errors);
@@ -104,9 +111,8 @@ test('sender that trickles its upload is cut', async () => {
   const slow = await daemon.connect();
   slow.write('PUT /v1/models/slow HTTP/1.1\r\nHost: x\r\nContent-Length: 100000\r\n\r\n');
   const timer = setInterval(() => slow.write('x'), 200);
-  await Promise.race([slow.closed_, sleep(12000)]);
+  await isCut(slow);
   clearInterval(timer);
-  assert.ok(slow.isClosed);
   assert.equal((await daemon.curl('/v1/models/slow')).status, 404);
 });
 
@@ -141,7 +147,7 @@ test('clients that leave in the middle of a body leave nothing behind', async ()
     await eventually('some bytes', () => socket.text.length > 100);
     socket.destroy();
   }
-  await eventually('one connection', async () => (await daemon.metric('lodestream_http_connections')) === 1, 5);
+  await eventually('one connection', async () => (await daemon.metric('lodestream_http_connections')) === 1);
 });
 
 test('one address has its share of connections, the next is told 503, and is served again when one closes', async () => {
@@ -164,7 +170,7 @@ test('one address has its share of connections, the next is told 503, and is ser
     elsewhere.write(get('/metrics'));
     await eventually('another address is served', () => /connections_cut_total\{reason="address-limit"\} 3/.test(elsewhere.text));
     held[0].destroy();
-    await eventually('the address is served again', async () => (await small.curl('/healthz')).status === 200, 5);
+    await eventually('the address is served again', async () => (await small.curl('/healthz')).status === 200);
     for (const socket of [...held, elsewhere]) socket.destroy();
   } finally {
     assert.deepEqual(await small.stop(), { code: 0, signal: null });
@@ -172,14 +178,14 @@ test('one address has its share of connections, the next is told 503, and is ser
 });
 
 test('when all connections stay taken, who waits is told 503', async () => {
-  const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4'] });
+  const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4', '--wait-seconds', '1'] });
   try {
     const held = await Promise.all(Array.from({ length: 4 }, () => small.connect()));
     for (const socket of held) socket.write(get('/healthz'));
     await eventually('four answers', () => held.every((socket) => socket.text.includes('ok')));
     const waiting = await small.connect();
     waiting.write(get('/healthz'));
-    await eventually('it is told', () => waiting.text.includes('HTTP/1.1 503 '), 8);
+    await eventually('it is told', () => waiting.text.includes('HTTP/1.1 503 '));
     assert.match(waiting.text, /Retry-After: \d/);
     for (const socket of [...held, waiting]) socket.destroy();
   } finally {
@@ -187,13 +193,31 @@ test('when all connections stay taken, who waits is told 503', async () => {
   }
 });
 
+// 20 a loop: an uneven spread would leave some waiting, or closed. The kernel's own spread differs from round to round.
 test('loops share connections evenly', async () => {
-  const two = await Daemon.start({ flags: ['--loops', '2', '--connections', '40'] }); // 20 a loop: an uneven spread would leave some waiting
+  const two = await Daemon.start({ flags: ['--loops', '2', '--connections', '40', '--wait-seconds', '600'] });
   try {
-    const sockets = await Promise.all(Array.from({ length: 38 }, () => two.connect()));
-    for (const socket of sockets) socket.write(get('/healthz'));
-    await eventually('all are answered', () => sockets.every((socket) => socket.text.includes('ok')), 5);
-    for (const socket of sockets) socket.destroy();
+    for (let round = 0; round < 10; round++) {
+      const sockets = await Promise.all(Array.from({ length: 38 }, () => two.connect()));
+      for (const socket of sockets) socket.write(get('/healthz'));
+      await eventually(`all are answered in round ${round}`, () => sockets.every((socket) => socket.text.includes('ok')));
+      for (const socket of sockets) socket.destroy();
+      await eventually('all are gone', async () => (await two.metric('lodestream_http_connections')) === 1);
+    }
+  } finally {
+    assert.deepEqual(await two.stop(), { code: 0, signal: null });
+  }
+});
+
+test('more connections at once than there is room for are all served in turn', async () => {
+  const two = await Daemon.start({ flags: ['--loops', '2', '--connections', '10', '--wait-seconds', '600'] });
+  try {
+    await Promise.all(Array.from({ length: 60 }, async () => {
+      const socket = await two.connect();
+      socket.write('GET /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n');
+      await socket.closed_;
+      assert.match(socket.text, /^HTTP\/1\.1 200 [^]*ok\n$/);
+    }));
   } finally {
     assert.deepEqual(await two.stop(), { code: 0, signal: null });
   }
@@ -207,7 +231,7 @@ test('what is too long or no HTTP is refused with a problem', async () => {
   ]) {
     const socket = await daemon.connect();
     socket.write(text);
-    await eventually(type, () => socket.text.includes('\r\n\r\n'), 8);
+    await eventually(type, () => socket.text.includes('\r\n\r\n'));
     await socket.closed_;
     const answer = parse(Buffer.from(socket.text, 'latin1'));
     assert.equal(answer.status, status, socket.text);
@@ -232,7 +256,7 @@ test('bodies are the same by copy and by file', async () => {
         reader.text = '';
         reader.write(get(`/v1/objects/${name}`));
       }
-      await eventually(`round ${round}`, () => readers.every((reader) => whole(reader.text)), 40);
+      await eventually(`round ${round}`, () => readers.every((reader) => whole(reader.text)));
       for (const reader of readers) assert.equal(createHash('sha256').update(parse(Buffer.from(reader.text, 'latin1')).body).digest('hex'), name);
     }
     for (const reader of readers) reader.destroy();
@@ -249,7 +273,7 @@ test('a request has an id: the client\'s own, or one of ours', async () => {
   assert.match(first.headers['x-request-id'], /^[0-9a-f]{16}$/);
   assert.match(second.headers['x-request-id'], /^[0-9a-f]{16}$/);
   assert.notEqual(first.headers['x-request-id'], second.headers['x-request-id']);
-  await eventually('the log has it', () => daemon.log.includes('abc-123'), 3);
+  await eventually('the log has it', () => daemon.log.includes('abc-123'));
 });
 
 test('prepared answers name the request too, also when the reader is slow and the socket cuts them anywhere', async () => {
@@ -266,10 +290,10 @@ test('prepared answers name the request too, also when the reader is slow and th
   socket.write(Array.from({ length: count }, (_, i) => `GET ${target} HTTP/1.1\r\nHost: x\r\nX-Request-Id: r${i}\r\n\r\n`).join(''));
   await sleep(300);
   socket.resume();
-  await eventually('all answers', () => socket.text.split('X-Request-Id: r').length === count + 1, 30);
+  await eventually('all answers', () => socket.text.length > 3000 * count && socket.text.split('X-Request-Id: r').length === count + 1);
   const answers = socket.text.split('HTTP/1.1 200 OK\r\n').slice(1);
   assert.equal(answers.length, count);
-  await eventually('the last body', () => socket.text.split('HTTP/1.1 200 OK\r\n').at(-1).split('\r\n\r\n').slice(1).join('\r\n\r\n').length === 3000, 10);
+  await eventually('the last body', () => socket.text.split('HTTP/1.1 200 OK\r\n').at(-1).split('\r\n\r\n').slice(1).join('\r\n\r\n').length === 3000);
   socket.text.split('HTTP/1.1 200 OK\r\n').slice(1).forEach((answer, i) => {
     assert.ok(answer.startsWith(`X-Request-Id: r${i}\r\n`), `answer ${i}`);
     const body = answer.slice(answer.indexOf('\r\n\r\n') + 4);
@@ -279,7 +303,7 @@ test('prepared answers name the request too, also when the reader is slow and th
 });
 
 test('connections over the limit wait and are served when others close', async () => {
-  const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4'] });
+  const small = await Daemon.start({ flags: ['--loops', '1', '--connections', '4', '--wait-seconds', '600'] });
   try {
     const held = await Promise.all(Array.from({ length: 4 }, () => small.connect()));
     for (const socket of held) socket.write(get('/healthz'));
@@ -289,7 +313,7 @@ test('connections over the limit wait and are served when others close', async (
     await sleep(300);
     assert.equal(waiting.text, '');
     held[0].destroy();
-    await eventually('the fifth is answered', () => waiting.text.includes('ok'), 5);
+    await eventually('the fifth is answered', () => waiting.text.includes('ok'));
     for (const socket of [...held, waiting]) socket.destroy();
   } finally {
     assert.deepEqual(await small.stop(), { code: 0, signal: null });
@@ -297,15 +321,12 @@ test('connections over the limit wait and are served when others close', async (
 });
 
 test('SIGTERM with idle connections, streams and the limit reached ends at once', async () => {
-  const busy = await Daemon.start({ flags: ['--loops', '2', '--connections', '20'] });
+  const busy = await Daemon.start({ flags: ['--loops', '2', '--connections', '20', '--drain-seconds', '3600'] }); // none of which is waited
   const { headers } = await busy.curl('/v1/models/m', ['-T', '-'], JSON.stringify({ ...bunny, behave: 'hang' }));
   const sockets = await Promise.all(Array.from({ length: 24 }, () => busy.connect()));
   sockets.forEach((socket, i) => socket.write(get(i % 2 ? '/healthz' : `${headers.location}/events`)));
   await eventually('most are answered', () => sockets.filter((socket) => socket.text.includes('HTTP/1.1 200')).length >= 16);
-  const began = Date.now();
-  const how = await busy.stop();
-  assert.deepEqual(how, { code: 0, signal: null });
-  assert.ok(Date.now() - began < 5000, `${Date.now() - began} ms`);
+  assert.deepEqual(await busy.stop(), { code: 0, signal: null });
 });
 
 test('SIGTERM lets answers in progress finish and takes no new connection', async () => {
@@ -336,7 +357,7 @@ test('drain has an end', async () => {
   const began = Date.now();
   const how = await stuck.stop();
   assert.deepEqual(how, { code: 0, signal: null });
-  assert.ok(Date.now() - began > 900 && Date.now() - began < 6000, `${Date.now() - began} ms`);
+  assert.ok(Date.now() - began > 900, `${Date.now() - began} ms`);
   reader.destroy();
 });
 
@@ -363,7 +384,7 @@ test('not HTTP at all is refused and closed', async () => {
   for (const text of ['\x16\x03\x01\x02\x00garbage\r\n\r\n', 'GET\r\n\r\n', 'GET / HTTP/9.9\r\n\r\n', '\0\0\0\0\r\n\r\n', 'PUT /v1/models/x HTTP/1.1\r\nHost: x\r\nContent-Length: -5\r\n\r\n']) {
     const socket = await daemon.connect();
     socket.write(text, 'latin1');
-    await eventually(JSON.stringify(text), () => socket.isClosed, 8);
+    await eventually(JSON.stringify(text), () => socket.isClosed);
     const { status } = parse(Buffer.from(socket.text, 'latin1'));
     assert.ok(status === 0 || status >= 400, socket.text);
   }

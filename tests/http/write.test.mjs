@@ -9,7 +9,7 @@ const limit = 1 << 20;
 let daemon;
 
 before(async () => {
-  daemon = await Daemon.start({ flags: ['--upload-bytes', String(limit), '--bake-seconds', '10', '--bake-queue', '2'] });
+  daemon = await Daemon.start({ flags: ['--upload-bytes', String(limit), '--bake-queue', '2'] });
 });
 after(() => daemon?.stop());
 
@@ -46,12 +46,10 @@ test('upload with a length and upload in chunks are the same', async () => {
 });
 
 test('body over the limit is refused by its length, before it is sent', async () => {
-  const began = Date.now();
   const socket = await daemon.connect();
   socket.write(`PUT /v1/models/big HTTP/1.1\r\nHost: x\r\nContent-Length: ${limit + 1}\r\nExpect: 100-continue\r\n\r\n`);
-  await eventually('an answer', () => socket.text.includes('\r\n\r\n'), 5);
+  await eventually('an answer', () => socket.text.includes('\r\n\r\n'));
   assert.match(socket.text, /^HTTP\/1\.1 413 /);
-  assert.ok(Date.now() - began < 2000);
   await socket.closed_;
 });
 
@@ -110,10 +108,10 @@ test('wrong uploads are refused by name', async () => {
   assert.equal(problemOf(empty).type, '/problems/empty-body');
 });
 
-test('failed, crashed, hung and lying bakes fail their job and nothing else', async () => {
+test('failed, crashed and lying bakes fail their job and nothing else', async () => {
   await daemon.bake('steady', bunny);
   const before = (await daemon.json('/v1/models/steady')).headers.etag;
-  const expected = { fail: /face 7/, crash: /./, lie: /./, hang: /./ };
+  const expected = { fail: /face 7/, crash: /./, lie: /./ };
   for (const [behave, detail] of Object.entries(expected)) {
     const job = await daemon.bake('steady', { ...bunny, behave });
     assert.equal(job.state, 'failed', behave);
@@ -124,6 +122,19 @@ test('failed, crashed, hung and lying bakes fail their job and nothing else', as
   }
   assert.equal((await daemon.bake('steady', bunny)).state, 'done');
   assert.deepEqual(leftovers(), []);
+});
+
+test('hung bake fails its job when its time is over', async () => {
+  const impatient = await Daemon.start({ flags: ['--bake-seconds', '1'] });
+  try {
+    const job = await impatient.bake('hung', { ...bunny, behave: 'hang' });
+    assert.equal(job.state, 'failed');
+    assert.match(job.problem.detail, /./);
+    assert.equal((await impatient.curl('/v1/models/hung')).status, 404);
+    for (const name of ['uploads', 'work']) assert.deepEqual(fs.readdirSync(path.join(impatient.store, name)), []);
+  } finally {
+    await impatient.stop();
+  }
 });
 
 test('events tell each change once and end with the job', async () => {
@@ -145,15 +156,14 @@ test('events tell each change once and end with the job', async () => {
   assert.equal(String(late.body).match(/^data: /gm).length, 1);
 });
 
-test('event arrives at once, not at the next tick', async () => {
-  const response = await daemon.curl('/v1/models/prompt', ['-T', '-'], JSON.stringify({ ...bunny, steps: 3, step_ms: 400 }));
-  const socket = await daemon.connect();
-  socket.write(`GET ${response.headers.location}/events HTTP/1.1\r\nHost: x\r\n\r\n`);
-  await eventually('step 1', () => socket.text.includes('step-1'), 5);
-  const began = Date.now();
-  await eventually('step 2', () => socket.text.includes('step-2'), 5);
-  assert.ok(Date.now() - began < 800, `${Date.now() - began} ms`);
-  socket.destroy();
+// Looking once a second would see one step a second, however slow the machine is.
+test('events arrive at once, not at the next tick', async () => {
+  const steps = 30;
+  const began = performance.now();
+  const response = await daemon.curl('/v1/models/prompt', ['-T', '-'], JSON.stringify({ ...bunny, steps, step_ms: 100 }));
+  const { body } = await daemon.curl(`${response.headers.location}/events`);
+  const seconds = (performance.now() - began) / 1000, seen = new Set(String(body).match(/step-\d+/g)).size;
+  assert.ok(seen > Math.min(seconds + 4, steps - 5), `${seen} of ${steps} steps in ${seconds} s`);
   await daemon.finished(response.headers.location);
 });
 
@@ -163,7 +173,8 @@ test('listener that goes away is noticed', async () => {
   for (const socket of sockets) socket.write(`GET ${response.headers.location}/events HTTP/1.1\r\nHost: x\r\n\r\n`);
   await eventually('eight streams', async () => (await daemon.metric('lodestream_http_event_streams')) === 8);
   for (const socket of sockets) socket.destroy();
-  await eventually('no stream', async () => (await daemon.metric('lodestream_http_event_streams')) === 0, 5);
+  await eventually('no stream', async () => (await daemon.metric('lodestream_http_event_streams')) === 0);
+  assert.equal((await daemon.curl('/v1/models/gone', ['-X', 'DELETE'])).status, 204); // ends the bake
   await daemon.finished(response.headers.location);
 });
 
@@ -180,7 +191,10 @@ test('full queue is told before the body is sent', async () => {
   assert.equal(refused.status, 503);
   assert.equal(problemOf(refused).type, '/problems/queue-full');
   assert.ok(Number(refused.headers['retry-after']) > 0);
-  for (const job of jobs) await daemon.finished(job);
+  for (const [i, job] of jobs.entries()) {
+    assert.equal((await daemon.curl(`/v1/models/queue${i}`, ['-X', 'DELETE'])).status, 204);
+    await daemon.finished(job);
+  }
 });
 
 test('old revision serves until the new one is whole', async () => {
@@ -199,7 +213,7 @@ test('old revision serves until the new one is whole', async () => {
   const replaced = await daemon.curl('/v1/models/replaced/level?error=0.1&family=cluster', ['-H', `If-None-Match: ${before.headers.etag}`]);
   assert.equal(replaced.status, 200);
   assert.notEqual(replaced.headers.etag, before.headers.etag);
-  await eventually('the old object goes', async () => (await daemon.curl(before.headers['content-location'])).status === 404, 5);
+  await eventually('the old object goes', async () => (await daemon.curl(before.headers['content-location'])).status === 404);
 });
 
 test('preconditions guard changes', async () => {
@@ -221,7 +235,7 @@ test('deleted model and its objects are gone', async () => {
   assert.equal((await daemon.curl(`/v1/objects/${object}`)).status, 200);
   assert.equal((await daemon.curl('/v1/models/doomed', ['-X', 'DELETE'])).status, 204);
   assert.equal((await daemon.curl('/v1/models/doomed')).status, 404);
-  await eventually('the object goes', async () => (await daemon.curl(`/v1/objects/${object}`)).status === 404, 5);
+  await eventually('the object goes', async () => (await daemon.curl(`/v1/objects/${object}`)).status === 404);
   assert.equal(fs.existsSync(path.join(daemon.store, 'objects', object.slice(0, 2), object)), false);
   assert.equal((await daemon.curl('/v1/models/doomed', ['-X', 'DELETE'])).status, 404);
 });
