@@ -101,10 +101,18 @@ static void enter_send(struct connection *connection) {
   lod_loop_set_bulk(connection, body && body->file >= 0 && connection->sent >= LOD_OBJECT_FILE_BYTES);
 }
 
-/* A shared response cannot name the request; its id goes in on the way to the socket. */
-static void insert_id(struct connection *connection) {
+/* A shared response cannot name the request; its id goes in on the way to the socket, and what else is of this reply alone. */
+static void insert_own(struct connection *connection) {
+  const struct lod_reply *reply = &connection->exchange.reply;
+  struct lod_insert *insert = &connection->sending.insert;
   connection->sending.body_follows = connection->sent > 0;
-  lod_insert_begin(&connection->sending.insert, "X-Request-Id", connection->request_id);
+  lod_insert_begin(insert, "X-Request-Id", connection->request_id);
+  if (reply->own_name) {
+    char milliseconds[32];
+    lod_insert_more(insert, reply->own_name, reply->own_value);
+    snprintf(milliseconds, sizeof milliseconds, "app;dur=%.3f", 1e3 * (lod_loop_clock() - connection->started));
+    lod_insert_more(insert, "Server-Timing", milliseconds);
+  }
 }
 
 static enum MHD_Result queue_whole(struct connection *connection, unsigned status, const struct headers *headers) {
@@ -128,7 +136,10 @@ static enum MHD_Result queue_whole(struct connection *connection, unsigned statu
   if (!entry)
     return MHD_NO;
   enum MHD_Result result = queue_response()(connection->mhd, status, lod_cache_value(entry));
-  lod_memo_insert(http->memos, exchange, connection->target, generation, http->responses, entry);
+  if (reply->own_name)
+    lod_cache_release(http->responses, entry);
+  else
+    lod_memo_insert(http->memos, exchange, connection->target, generation, http->responses, entry);
   return result;
 }
 
@@ -145,7 +156,7 @@ static enum MHD_Result queue_memo(struct connection *connection) {
   connection->status = plan.status;
   connection->sent = plan.status == 304 || exchange->method == LOD_HEAD ? 0 : memo->body->size;
   enter_send(connection);
-  insert_id(connection);
+  insert_own(connection);
   return queue_response()(connection->mhd, plan.status, lod_cache_value(memo->response));
 }
 
@@ -183,7 +194,7 @@ static enum MHD_Result queue_reply(struct connection *connection) {
   connection->sent = bodiless ? 0 : plan.status == 206 ? plan.size : reply->body ? reply->body->size : 0;
   enter_send(connection);
   if (reply->shared)
-    insert_id(connection);
+    insert_own(connection);
   if (reply->stream.read)
     lod_loop_add_stream(connection);
   /* 304 is the whole response under another status: from an empty one MHD would send Content-Length: 0. */

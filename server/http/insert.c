@@ -13,6 +13,13 @@ void lod_insert_begin(struct lod_insert *insert, const char *name, const char *v
   insert->active = size > 0 && (size_t)size < sizeof insert->line;
 }
 
+void lod_insert_more(struct lod_insert *insert, const char *name, const char *value) {
+  const size_t room = sizeof insert->line - insert->size;
+  const int size = snprintf(insert->line + insert->size, room, "%s: %s\r\n", name, value);
+  if (insert->active && size > 0 && (size_t)size < room)
+    insert->size += (uint32_t)size;
+}
+
 static void put(struct iovec *out, int *count, const void *bytes, size_t size) {
   if (size > 0)
     out[(*count)++] = (struct iovec){(void *)bytes, size};

@@ -3,6 +3,7 @@
 #include <assert.h>
 #include <ctype.h>
 #include <jansson.h>
+#include <math.h>
 #include <nettle/sha2.h>
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -84,6 +85,15 @@ void lod_format_number(double value, char text[32]) {
   }
 }
 
+void lod_format_bound(double value, char text[32]) {
+  snprintf(text, 32, "%.12g", value);
+  const double raised = value * (1 + 1e-11);
+  if (!isfinite(raised))
+    lod_format_number(value, text);
+  else if (strtod(text, NULL) < value)
+    snprintf(text, 32, "%.12g", raised);
+}
+
 /* Length of the valid UTF-8 sequence at p (RFC 3629), 0 when there is none. */
 static size_t utf8_length(const unsigned char *p) {
   if (p[0] < 0x80)
@@ -150,6 +160,7 @@ static void drop_content(struct lod_reply *reply) {
     reply->stream.finish(reply->stream.context);
   reply->stream = (struct lod_stream){0};
   reply->etag[0] = 0;
+  reply->own_name = NULL;
   reply->shared = reply->compress = reply->encoded = false;
 }
 

@@ -53,7 +53,9 @@ struct lod_header {
 struct lod_reply {
   unsigned status; /* 0 = not answered yet */
   enum lod_cache_rule cache;
-  bool shared;             /* the same headers and body will be asked for again: keep the made-up response */
+  bool shared;          /* the same headers and body will be asked for again: keep the made-up response */
+  const char *own_name; /* a header of this reply alone, beside those of a shared one; static text, NULL = none */
+  char own_value[40];
   bool compress;           /* text worth gzip: the answer depends on Accept-Encoding */
   bool encoded;            /* body is gzip */
   const char *type;        /* media type, static text; NULL = no body */
@@ -113,6 +115,8 @@ struct lod_body *lod_body_gzip(const struct lod_body *body);
 
 /* Shortest decimal that reads back as the same double. */
 void lod_format_number(double value, char text[32]);
+/* A decimal of 12 digits that is not below the value, for bounds; for non-negative values. Quicker than the above. */
+void lod_format_bound(double value, char text[32]);
 /* malloc'd copy of `text` in which every byte that is not part of valid UTF-8 is '?' (JSON needs it). */
 char *lod_utf8_copy(const char *text);
 

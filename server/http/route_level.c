@@ -10,9 +10,10 @@ static void describe(struct lod_reply *reply, const struct lod_selection *select
   lod_reply_header(reply, "Lod-Level", "%u", choice->level->level);
   lod_format_number(choice->level->facts.error, number);
   lod_reply_header(reply, "Lod-Error", "%s", number);
-  if (selection->has_view) {
-    lod_format_number(choice->screen_error_px, number);
-    lod_reply_header(reply, "Lod-Screen-Error", "%s", number);
+  if (selection->has_view) { /* it hardly ever comes twice */
+    lod_format_bound(choice->screen_error_px, number);
+    reply->own_name = "Lod-Screen-Error";
+    snprintf(reply->own_value, sizeof reply->own_value, "%s", number);
   }
   lod_reply_header(reply, "Lod-Triangles", "%llu", (unsigned long long)choice->level->facts.triangles);
 }
@@ -24,7 +25,7 @@ static void answer_body(struct lod_exchange *exchange, const struct lod_selectio
   reply->cache = LOD_CACHE_REVALIDATE;
   reply->type = type;
   reply->body = body;
-  reply->shared = !selection->has_view; /* a screen error hardly ever comes twice */
+  reply->shared = true;
   snprintf(reply->etag, sizeof reply->etag, "\"%s\"", choice->level->sha256);
   describe(reply, selection, choice);
 }

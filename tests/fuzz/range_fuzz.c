@@ -19,7 +19,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     return 0;
   memcpy(text, data, size);
   text[size] = 0;
-  for (size_t i = 0; i < sizeof kSizes / sizeof *kSizes; i++) {
+  for (size_t i = size % 2; i < sizeof kSizes / sizeof *kSizes; i += 2) { /* half of them at a time: runs are short */
     uint64_t first, count;
     if (lod_range_parse(text, kSizes[i], &first, &count) == LOD_RANGE_PART)
       require(count > 0 && first < kSizes[i] && count <= kSizes[i] - first);

@@ -76,11 +76,21 @@ static void decode(struct lod_units *units, uint8_t *bytes, size_t size, int mod
     draw(units, at_hand, &joined, arena);
 }
 
+/* Made once: a run is short, and the decoder only reads it. */
+static const struct lod_mesh *make_base(void) {
+  static struct lod_mesh sphere;
+  static struct lod_arena *kept;
+  if (kept == NULL) {
+    kept = lod_arena_create((size_t)64 << 20);
+    sphere = lod_shape_sphere(kept, 1, 1);
+  }
+  return &sphere;
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   if (size < 1)
     return 0;
   struct lod_arena *arena = lod_arena_create((size_t)256 << 20);
-  const struct lod_mesh sphere = lod_shape_sphere(arena, 1, 1);
   struct lod_units units;
   struct lod_problem problem = {0};
   uint8_t *bytes = malloc(size);
@@ -88,8 +98,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     abort();
   memcpy(bytes, data + 1, size - 1);
   if ((data[0] & 1) != 0)
-    mend_index(bytes, size - 1, &sphere, arena);
-  const enum lod_status status = lod_units_open(bytes, size - 1, &sphere, NULL, arena, &units, &problem);
+    mend_index(bytes, size - 1, make_base(), arena);
+  const enum lod_status status = lod_units_open(bytes, size - 1, make_base(), NULL, arena, &units, &problem);
   if (status != LOD_OK && (problem.status != status || problem.detail[0] == '\0'))
     abort();
   if (status == LOD_OK)

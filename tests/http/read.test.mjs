@@ -47,6 +47,15 @@ test('pixels choose by the view, and the screen error is told', async () => {
   assert.equal(headers['lod-family'], 'retile');
   assert.equal(headers['lod-level'], '1');
   assert.ok(Math.abs(Number(headers['lod-screen-error']) - 1) < 1e-9);
+  // What is shared between replies is not the screen error.
+  for (const args of [[], ['-I'], ['-r', '3-9']]) {
+    const further = (await daemon.curl('/v1/models/bunny/level?px=1.01&distance=20&fov=90&height=1000', ['-H', 'X-Request-Id: far', ...args])).headers;
+    assert.ok(Number(further['lod-screen-error']) <= 1.01 && further['lod-screen-error'] !== headers['lod-screen-error']);
+    assert.equal(further['x-request-id'], 'far');
+    assert.match(further['server-timing'], /^app;dur=\d+\.\d+$/);
+    const again = (await daemon.curl('/v1/models/bunny/level?px=1.01&distance=10&fov=90&height=1000', args)).headers;
+    assert.equal(again['lod-screen-error'], headers['lod-screen-error']);
+  }
 });
 
 test('when no level is fine enough the finest is sent and the screen error tells the truth', async () => {

@@ -11,13 +11,14 @@
 #include <string.h>
 
 static const char kHeader[] = "HTTP/1.1 200 OK\r\nContent-Length: 11\r\n\r\n", kBody[] = "hello world";
-static const char kWhole[] = "HTTP/1.1 200 OK\r\nX-Request-Id: abc\r\nContent-Length: 11\r\n\r\nhello world";
+static const char kWhole[] = "HTTP/1.1 200 OK\r\nX-Request-Id: abc\r\nLod-X: 1\r\nContent-Length: 11\r\n\r\nhello world";
 
 /* A caller that knows nothing of the line sends header and body over a socket that takes at most cuts[i] bytes the i-th time. Returns how
  * often it was told that nothing went out. */
 static int transfer(const size_t *cuts, size_t cut_count, bool apart, char *arrived) {
   struct lod_insert insert = {0};
   lod_insert_begin(&insert, "X-Request-Id", "abc");
+  lod_insert_more(&insert, "Lod-X", "1");
   const size_t header = sizeof kHeader - 1, total = header + sizeof kBody - 1;
   size_t done = 0, size = 0;
   int nothing = 0;
@@ -82,6 +83,11 @@ static void what_is_no_reply_is_left_alone(void **state) {
   value[sizeof value - 1] = 0;
   lod_insert_begin(&insert, "X-Request-Id", value); /* longer than an id may be */
   assert_false(insert.active);
+  lod_insert_begin(&insert, "X-Request-Id", "abc");
+  const uint32_t before = insert.size;
+  lod_insert_more(&insert, "Lod-X", value); /* does not fit: the line that is there stays */
+  assert_true(insert.active);
+  assert_int_equal(insert.size, before);
 }
 
 int main(void) {

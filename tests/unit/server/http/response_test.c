@@ -235,6 +235,21 @@ static void number_reads_back_as_the_same_double(void **state) {
   assert_string_equal(text, "0.1");
 }
 
+static void bound_is_never_below_and_hardly_above(void **state) {
+  (void)state;
+  char text[32];
+  double value = 1e-30;
+  for (int i = 0; i < 3000; i++, value *= 1.0517) {
+    lod_format_bound(value, text);
+    assert_true(strlen(text) <= 18);
+    assert_true(strtod(text, NULL) >= value && strtod(text, NULL) <= value * (1 + 2e-11));
+  }
+  lod_format_bound(0, text);
+  assert_string_equal(text, "0");
+  lod_format_bound(1.7976931348623157e308, text);
+  assert_true(strtod(text, NULL) == 1.7976931348623157e308);
+}
+
 static void bytes_outside_of_utf8_become_question_marks(void **state) {
   (void)state;
   static const char *const kPairs[][2] = {{"caf\xc3\xa9", "caf\xc3\xa9"},
@@ -268,6 +283,7 @@ int main(void) {
       cmocka_unit_test(gzip_of_what_does_not_shrink_is_refused),
       cmocka_unit_test(accept_encoding_is_read_with_its_weights),
       cmocka_unit_test(number_reads_back_as_the_same_double),
+      cmocka_unit_test(bound_is_never_below_and_hardly_above),
       cmocka_unit_test(bytes_outside_of_utf8_become_question_marks),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
