@@ -210,6 +210,10 @@ void tiling_split_edge(struct tiling *tiling, uint32_t h, uint32_t p);
 void tiling_split_face(struct tiling *tiling, uint32_t f, uint32_t p);
 void tiling_link(struct tiling *tiling, uint32_t a, uint32_t b);
 bool tiling_check(const struct tiling *tiling);
+/* What vertices that go and come back change. `kept`: NULL at first, made in `arena`; else overwritten. */
+LOD_WARN_UNUSED enum lod_status tiling_keep(const struct tiling *tiling, struct lod_arena *arena, struct tiling **kept);
+/* The tiling is what it was when it was kept. */
+void tiling_return(struct tiling *tiling, const struct tiling *kept);
 struct lod_retile_point tiling_local(const struct tiling *tiling, uint32_t v, uint32_t face);
 
 /* ---- chart.c: neighbourhoods unfolded to integers, and the flat points on them ---- */

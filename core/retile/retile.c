@@ -249,18 +249,42 @@ static bool relax_goals(struct retile_goal *goals, uint32_t level_count) {
   return changed;
 }
 
-/* With numbers relaxed until all maps are whole. Levels of a try that was not good enough stay in `arena`: it is rare. */
+static uint64_t unmapped(const struct retile_goal *goals, uint32_t level_count) {
+  uint64_t sum = 0;
+  for (uint32_t k = 0; k < level_count; k++)
+    sum += goals[k].unmapped;
+  return sum;
+}
+
+/* A try takes as long as the levels: small sources, whose few triangles must map all, may have several. */
+static uint32_t tries_for(const struct lod_mesh *mesh) {
+  enum { MOST = 5, WORK = 1000000 }; /* triangles of all tries */
+  uint32_t tries = WORK / (mesh->triangle_count + 1);
+  return tries < 1 ? 1 : tries < MOST ? tries : MOST;
+}
+
+/* With numbers relaxed until all maps are whole; the try that leaves least is taken. Levels of the others stay in `arena`: it is rare. */
 static enum lod_status create_whole(const struct cleaned *cleaned, const struct lod_retile_settings *settings, struct retile_goal *goals,
                                     const struct lod_bvh *bvh, const struct lod_progress *progress, struct lod_arena *arena,
                                     struct lod_arena *scratch, struct lod_retile *retile) {
-  enum { MOST_TRIES = 5 };
-  for (int try = 0;; try++) {
+  uint32_t tries = settings->whole_maps ? tries_for(&cleaned->mesh) : 1;
+  uint64_t least = UINT64_MAX;
+  struct lod_retile best = *retile;
+  for (uint32_t try = 0; try < tries && least != 0; try++) {
     struct lod_arena *work = lod_arena_create_child(scratch);
     enum lod_status status = work == NULL ? LOD_MEMORY : attempt(cleaned, settings, goals, bvh, progress, arena, work, retile);
     lod_arena_destroy(work);
-    if (status != LOD_OK || !settings->whole_maps || try + 1 == MOST_TRIES || !relax_goals(goals, retile->level_count))
-      return status;
+    LOD_TRY(status);
+    uint64_t bad = unmapped(goals, retile->level_count);
+    if (bad < least) {
+      best = *retile;
+      least = bad;
+    }
+    if (bad != 0 && !relax_goals(goals, retile->level_count))
+      break;
   }
+  *retile = best;
+  return LOD_OK;
 }
 
 static enum lod_status create(const struct lod_mesh *source, const struct lod_retile_settings *settings,

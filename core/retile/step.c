@@ -94,6 +94,12 @@ static enum lod_status take_level(const struct step *s, struct lod_arena *arena,
   return s->finer == NULL ? LOD_OK : record_step(s, level, arena);
 }
 
+static enum lod_status take_again(const struct step *s, struct lod_arena **arena, struct lod_retile_level *level) {
+  lod_arena_destroy(*arena);
+  *arena = lod_arena_create_child(s->scratch);
+  return *arena == NULL ? LOD_MEMORY : take_level(s, *arena, level);
+}
+
 /* An error that was proven before vertices changed. */
 static enum lod_status prove_again(const struct step *s, double *bound) {
   struct lod_arena *arena = lod_arena_create_child(s->scratch);
@@ -125,23 +131,26 @@ static enum lod_status even_out(const struct step *s, uint32_t target, const boo
   return status;
 }
 
-/* Vertices back, until all is mapped; `level` is the tiling as it is, in an arena that dies with the next round. */
+/* Vertices back, until all is mapped; `level` is the tiling as it is, in an arena that dies with the next round. More vertices may map
+ * less, where handles are tight: of all rounds the one that left least unmapped is returned to. */
 static enum lod_status mend(const struct step *s, struct lod_retile_level *level, struct lod_arena **arena, bool *changed) {
   enum { MOST_ROUNDS = 12, EVEN_ROUNDS = 4, WORSE = 6 };
-  uint32_t least_bad = UINT32_MAX, worse = 0, target = lead_count(s->tiling);
+  uint32_t least_bad = UINT32_MAX, worse = 0, bad_count = 0, target = lead_count(s->tiling);
   bool *bad, *kept;
+  struct tiling *best = NULL;
   target = target > s->goal->vertices ? target : s->goal->vertices;
   RETILE_TRY_NEW(bad, s->scratch, s->tiling->face_count);
   RETILE_TRY_NEW_ZERO(kept, s->scratch, s->tiling->vertex_count);
-  for (uint32_t round = 0; round < MOST_ROUNDS; round++) {
-    uint32_t bad_count, inserted = 0;
+  for (uint32_t round = 0;; round++) {
+    uint32_t inserted = 0;
     LOD_TRY(find_unmapped(s, level, bad, &bad_count));
     bool uneven = s->goal->error == 0 && *changed && round < EVEN_ROUNDS && lead_count(s->tiling) != target;
-    s->goal->unmapped = bad_count;
     worse = bad_count < least_bad ? 0 : worse + 1;
-    least_bad = bad_count < least_bad ? bad_count : least_bad;
-    if ((bad_count == 0 && !uneven) || (bad_count != 0 && worse == WORSE))
+    if ((bad_count == 0 && !uneven) || (bad_count != 0 && worse == WORSE) || round == MOST_ROUNDS)
       break;
+    if (bad_count < least_bad)
+      LOD_TRY(tiling_keep(s->tiling, s->scratch, &best));
+    least_bad = bad_count < least_bad ? bad_count : least_bad;
     if (bad_count != 0)
       LOD_TRY(put_back(s, bad, bad_count, round, kept, &inserted));
     if (inserted == 0 && !uneven)
@@ -149,12 +158,14 @@ static enum lod_status mend(const struct step *s, struct lod_retile_level *level
     if (s->goal->error == 0 && round < EVEN_ROUNDS)
       LOD_TRY(even_out(s, target, kept));
     *changed = true;
-    lod_arena_destroy(*arena);
-    *arena = lod_arena_create_child(s->scratch);
-    if (*arena == NULL)
-      return LOD_MEMORY;
-    LOD_TRY(take_level(s, *arena, level));
+    LOD_TRY(take_again(s, arena, level));
   }
+  if (bad_count > least_bad) {
+    tiling_return(s->tiling, best);
+    LOD_TRY(take_again(s, arena, level));
+    LOD_TRY(find_unmapped(s, level, bad, &bad_count));
+  }
+  s->goal->unmapped = bad_count;
   return LOD_OK;
 }
 

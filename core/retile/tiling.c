@@ -3,6 +3,7 @@
  * Each source triangle is tiled by itself: points on its sides first, then those inside, each into the triangle that contains it, and
  * edges are flipped until they are Delaunay (Lawson). Where a point lies is decided by exact signs of integer weights; the circle test is
  * in double, for it only chooses between two tilings that are both right. */
+#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -501,4 +502,55 @@ bool tiling_check(const struct tiling *t) {
         return false;
     }
   return true;
+}
+
+/* ---- as it was ---- */
+
+static void copy_changes(const struct tiling *from, struct tiling *to) {
+  size_t vertices = from->vertex_count, faces = from->face_count;
+  memcpy(to->birth, from->birth, vertices * sizeof *to->birth);
+  memcpy(to->dead, from->dead, vertices * sizeof *to->dead);
+  memcpy(to->corner, from->corner, vertices * sizeof *to->corner);
+  memcpy(to->flat, from->flat, vertices * sizeof *to->flat);
+  memcpy(to->flat_next, from->flat_next, vertices * sizeof *to->flat_next);
+  memcpy(to->faces, from->faces, faces * sizeof *to->faces);
+  memcpy(to->twin, from->twin, 3 * faces * sizeof *to->twin);
+  memcpy(to->marks, from->marks, 3 * faces * sizeof *to->marks);
+  memcpy(to->start, from->start, 3 * faces * sizeof *to->start);
+  memcpy(to->region, from->region, faces * sizeof *to->region);
+  memcpy(to->flat_head, from->flat_head, faces * sizeof *to->flat_head);
+  memcpy(to->missed, from->missed, faces * sizeof *to->missed);
+  memcpy(to->fresh, from->fresh, faces * sizeof *to->fresh);
+}
+
+enum lod_status tiling_keep(const struct tiling *tiling, struct lod_arena *arena, struct tiling **kept) {
+  struct tiling *k = *kept;
+  if (k == NULL) {
+    RETILE_TRY_NEW(k, arena, 1);
+    *k = (struct tiling){.vertex_count = tiling->vertex_count, .face_count = tiling->face_count};
+    size_t vertices = tiling->vertex_count, faces = tiling->face_count;
+    RETILE_TRY_NEW(k->birth, arena, vertices);
+    RETILE_TRY_NEW(k->dead, arena, vertices);
+    RETILE_TRY_NEW(k->corner, arena, vertices);
+    RETILE_TRY_NEW(k->flat, arena, vertices);
+    RETILE_TRY_NEW(k->flat_next, arena, vertices);
+    RETILE_TRY_NEW(k->faces, arena, faces);
+    RETILE_TRY_NEW(k->twin, arena, 3 * faces);
+    RETILE_TRY_NEW(k->marks, arena, 3 * faces);
+    RETILE_TRY_NEW(k->start, arena, 3 * faces);
+    RETILE_TRY_NEW(k->region, arena, faces);
+    RETILE_TRY_NEW(k->flat_head, arena, faces);
+    RETILE_TRY_NEW(k->missed, arena, faces);
+    RETILE_TRY_NEW(k->fresh, arena, faces);
+    *kept = k;
+  }
+  /* Slots are taken from the dead ones; there are never more. */
+  assert(k->vertex_count == tiling->vertex_count && k->face_count == tiling->face_count);
+  copy_changes(tiling, k);
+  return LOD_OK;
+}
+
+void tiling_return(struct tiling *tiling, const struct tiling *kept) {
+  assert(kept->vertex_count == tiling->vertex_count && kept->face_count == tiling->face_count);
+  copy_changes(kept, tiling);
 }
