@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/mesh/feature.h"
 #include "core/retile/internal.h"
 
 static double unit_area(const struct lod_unit *unit) {
@@ -30,8 +31,42 @@ struct plan {
   bool by_error; /* counts say nothing */
 };
 
+/* Lines that no triangle crosses (borders, seams) take vertices before any surface is left to share: a level with fewer vertices than lets
+ * the surface have half shows textures stretched between corners of their charts, and misses by as much as the lines' bends. */
+static enum lod_status need_of_lines(const struct lod_unit *units, uint32_t unit_count, struct lod_arena *arena, double *vertices) {
+  double length = 0, corners = 0, area = 0;
+  *vertices = 0;
+  for (uint32_t u = 0; u < unit_count; u++) {
+    const struct lod_mesh *mesh = &units[u].mesh;
+    area += unit_area(&units[u]);
+    if (mesh->wedge_count == 0 && mesh->materials == NULL && mesh->parts == NULL)
+      continue;
+    struct lod_arena *scratch = lod_arena_create_child(arena);
+    struct lod_adjacency adjacency;
+    struct lod_features features;
+    struct lod_feature_settings wanted = lod_feature_defaults();
+    wanted.flags = LOD_FEATURE_BOUNDARY | LOD_FEATURE_MATERIAL | LOD_FEATURE_UV_SEAM;
+    enum lod_status status = scratch == NULL ? LOD_MEMORY : lod_adjacency_create(mesh, scratch, &adjacency);
+    if (status == LOD_OK)
+      status = lod_feature_find(mesh, &adjacency, &wanted, scratch, &features);
+    for (uint32_t i = 0; status == LOD_OK && i < features.line_count; i++)
+      for (uint32_t k = features.line_begin[i]; k + 1 < features.line_begin[i + 1]; k++)
+        length += units[u].scale * lod_vec3_distance(lod_vec3_from_float(mesh->positions[features.line_vertices[k]]),
+                                                     lod_vec3_from_float(mesh->positions[features.line_vertices[k + 1]]));
+    corners += status == LOD_OK ? features.corner_count : 0;
+    lod_arena_destroy(scratch);
+    LOD_TRY(status);
+  }
+  /* n / 2 = corners + length / (1.5 spacing), with n hexagons of that spacing on the area */
+  double b = area > 0 ? length / (1.5 * sqrt(1.1547005383792517 * area)) : 0, root = b + sqrt(b * b + 2 * corners);
+  *vertices = root * root;
+  return LOD_OK;
+}
+
 /* The worst place of a level needs about so many times the vertices that its curvature tells. */
 static const double kErrorReserve = 2;
+/* A level of more of the source's vertices than this is not worth its bytes. */
+static const double kMostOfSource = 0.6;
 
 /* The ladder ends with the level that proves finest_error, or has a quarter (1 / ratio) of the source's vertices: the source is a level by
  * itself wherever levels are served. */
@@ -51,8 +86,11 @@ static enum lod_status plan_ladder(const struct lod_unit *units, uint32_t unit_c
   /* An error that spacing by curvature does not meet with a quarter of the source's vertices is not worth chasing. */
   finest *= kErrorReserve;
   bool reachable = finest <= vertices / s->ratio;
-  finest = fmax(fmin(finest, vertices / s->ratio), fmin(s->least, vertices));
-  double steps = fmax(0, floor(log(finest / fmax(4, s->least)) / log(s->ratio) + 0.5));
+  double lines;
+  LOD_TRY(need_of_lines(units, unit_count, scratch, &lines));
+  double least = fmin(fmax(s->least, lines), fmax(s->least, kMostOfSource * vertices));
+  finest = fmax(fmin(finest, vertices / s->ratio), fmin(least, vertices));
+  double steps = fmax(0, floor(log(finest / fmax(4, least)) / log(s->ratio) + 0.5));
   plan->level_count = (uint32_t)fmin(steps, LOD_RETILE_MAX_LEVELS - 1) + 1;
   for (uint32_t k = 0; k < plan->level_count; k++) {
     plan->counts[k] = (uint32_t)lrint(fmin(4e9, finest / pow(s->ratio, plan->level_count - 1 - k)));

@@ -22,7 +22,7 @@ struct lod_retile_settings lod_retile_defaults(void) {
                                       .crease_degrees = LOD_TOLERANCE_CREASE_DEGREES,
                                       .corner_degrees = 45,
                                       .lead = 0.03,
-                                      .settle = 4,
+                                      .settle = 8,
                                       .flips = 4,
                                       .whole_maps = true};
 }

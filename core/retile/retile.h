@@ -82,7 +82,7 @@ struct lod_retile_settings {
   const double *errors;
   uint32_t level_count; /* of `vertices` and `errors`, at most LOD_RETILE_MAX_LEVELS */
   double ratio;         /* of the vertices of neighbouring levels, > 1; 4 */
-  uint32_t least;       /* about the vertices of the coarsest level; 200 */
+  uint32_t least;       /* about the vertices of the coarsest level; 200. The family starts where lines leave half to the surface. */
   double finest_error;  /* the ladder ends near the vertices that this error (share of the diagonal) needs, or the source has; 2e-4 */
 
   enum lod_retile_placement placement;
@@ -102,7 +102,7 @@ struct lod_retile_settings {
   /* Pieces of the surface with a bounding box whose diagonal is less than this share of a level's spacing are missing from it, unless the
    * level has an error to meet; 0: never. */
   double prune;
-  uint32_t settle; /* sweeps that move the finest level's vertices to better places when its triangles are known; 4 */
+  uint32_t settle; /* sweeps that move the finest level's vertices to better places when its triangles are known; 8 */
   enum lod_retile_measure measure;
   enum lod_retile_projection projection;
   /* Direction of curvature (Turk 1992, 8): normals that differ count as distance, by this many mean spacings for a right angle, so that
