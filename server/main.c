@@ -229,11 +229,13 @@ static int check_store(const struct lod_config *config, bool repair) {
     fprintf(stderr, "lodestreamd: %s\n", problem.detail);
     return EXIT_CANNOT_START;
   }
-  uint64_t found = f.damaged + f.missing + f.broken_models + f.stray + f.lost_uploads;
-  printf("%llu models, %llu objects, %llu bytes: %llu damaged, %llu missing, %llu models not whole, %llu stray files, %llu lost uploads",
+  uint64_t found = f.damaged + f.missing + f.broken_models + f.stray + f.lost_uploads + f.refined_damaged + f.refined_stray;
+  printf("%llu models, %llu objects, %llu bytes: %llu damaged, %llu missing, %llu models not whole, %llu stray files, %llu lost uploads; "
+         "%llu refinements: %llu damaged, %llu stray",
          (unsigned long long)f.models, (unsigned long long)f.objects, (unsigned long long)f.bytes, (unsigned long long)f.damaged,
          (unsigned long long)f.missing, (unsigned long long)f.broken_models, (unsigned long long)f.stray,
-         (unsigned long long)f.lost_uploads);
+         (unsigned long long)f.lost_uploads, (unsigned long long)f.refined, (unsigned long long)f.refined_damaged,
+         (unsigned long long)f.refined_stray);
   printf(repair && found ? "; repaired\n" : "\n");
   return found && !repair ? EXIT_CANNOT_START : EXIT_STOPPED;
 }

@@ -18,7 +18,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "codec/import/number.h"
 #include "codec/import/polygons.h"
 #include "codec/import/reader.h"
 
@@ -135,44 +134,12 @@ static enum lod_status check_depth(struct lod_reader *reader) {
   return LOD_OK;
 }
 
-static bool is_blank_or_comment(const char *at, const char *end) {
-  return at == end || *at == '#' || *at == '\n' || *at == '\r';
-}
-
-/* assimp allocates what an OFF header promises. A vertex takes at least 6 bytes of text ("0 0 0\n"), a face 4; binary OFF more. */
-static enum lod_status check_off(struct lod_reader *reader) {
-  const char *at = (const char *)reader->bytes, *end = at + reader->size;
-  double counts[2] = {0, 0};
-  int found = 0;
-  bool keyword = true;
-  while (at < end && found < 2) {
-    lod_number_skip_space(&at, end);
-    if (is_blank_or_comment(at, end)) {
-      while (at < end && *at != '\n')
-        at++;
-    } else if (keyword) {
-      while (at < end && *at != ' ' && *at != '\n' && *at != '\r' && *at != '\t')
-        at++;
-      keyword = false;
-    } else if (!lod_number_read(&at, end, &counts[found++])) {
-      return lod_reader_bad(reader, "bad-header", "the counts of the OFF header are no numbers");
-    }
-  }
-  if (found < 2)
-    return lod_reader_bad(reader, "truncated", "the file ends within its OFF header");
-  if (!(counts[0] >= 0) || !(counts[1] >= 0) || counts[0] * 6 > (double)reader->size + 1 || counts[1] * 4 > (double)reader->size + 1)
-    return lod_reader_bad(reader, "truncated", "the OFF header promises %.0f vertices and %.0f faces, more than %zu bytes can hold",
-                          counts[0], counts[1], reader->size);
-  reader->source_vertices = (uint64_t)counts[0];
-  return LOD_OK;
-}
-
 static enum lod_status check_before(struct lod_reader *reader) {
   static const char *const kNested[] = {"dae", "amf", "x3d", "xgl", "x", "fbx", "wrl"};
   for (size_t i = 0; i < sizeof kNested / sizeof *kNested; i++)
     if (strcmp(reader->format, kNested[i]) == 0 && memcmp(reader->bytes, "Kaydara", reader->size < 7 ? reader->size : 7) != 0)
       LOD_TRY(check_depth(reader));
-  return strcmp(reader->format, "off") == 0 ? check_off(reader) : LOD_OK;
+  return LOD_OK;
 }
 
 /* --- meshes --- */

@@ -183,7 +183,7 @@ enum lod_status lod_assimp_material(struct lod_reader *reader, const struct aiSc
   struct aiString name = {0};
   *material = LOD_NONE;
   aiGetMaterialString(context.material, AI_MATKEY_NAME, &name);
-  bool made_up = strcmp(name.data, AI_DEFAULT_MATERIAL_NAME) == 0 || strcmp(reader->format, "off") == 0;
+  bool made_up = strcmp(name.data, AI_DEFAULT_MATERIAL_NAME) == 0;
   if (made_up) {
     json_decref(context.json);
     json_decref(context.pbr);

@@ -90,6 +90,7 @@ static const struct {
     {"glb", lod_import_gltf},    {"gltf", lod_import_gltf},   {"ply", lod_import_ply},    {"stl", lod_import_stl},
     {"m", lod_import_hoppe},     {"obj", lod_import_obj},     {"drc", lod_import_draco},  {"bpt", lod_import_patches},
     {"bez", lod_import_patches}, {"bbp", lod_import_patches}, {"bv", lod_import_patches}, {"rib", lod_import_rib},
+    {"off", lod_import_off},
 };
 
 static enum lod_status read_with(struct lod_reader *reader) {

@@ -33,6 +33,7 @@ enum lod_status lod_import_stl(struct lod_reader *reader);
 enum lod_status lod_import_hoppe(struct lod_reader *reader);
 enum lod_status lod_import_draco(struct lod_reader *reader);
 enum lod_status lod_import_obj(struct lod_reader *reader);
+enum lod_status lod_import_off(struct lod_reader *reader);
 enum lod_status lod_import_assimp(struct lod_reader *reader);
 enum lod_status lod_import_patches(struct lod_reader *reader);
 enum lod_status lod_import_rib(struct lod_reader *reader);

@@ -118,7 +118,7 @@ static bool looks_like_obj(struct view v) {
 }
 
 static bool looks_like_off(struct view v) {
-  static const char *const kinds[] = {"OFF", "COFF", "NOFF", "STOFF", "CNOFF", "4OFF", "nOFF"};
+  static const char *const kinds[] = {"OFF", "COFF", "NOFF", "STOFF", "CNOFF", "STCOFF", "STNOFF", "STCNOFF", "4OFF", "nOFF"};
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
     size_t n = strlen(kinds[i]);
     if (v.size > n && starts_with(v, kinds[i]) && strchr(" \t\r\n#", v.bytes[n]))

@@ -145,7 +145,7 @@ void lod_answer_release(struct lod_answer *answer) {
   free(answer);
 }
 
-static struct lod_answer *map(int folder_fd, const char *name) {
+static struct lod_answer *map(int folder_fd, const char *name, bool use) {
   struct lod_answer *answer = calloc(1, sizeof *answer);
   struct stat facts;
   if (answer == NULL)
@@ -155,7 +155,8 @@ static struct lod_answer *map(int folder_fd, const char *name) {
     void *bytes = mmap(NULL, (size_t)facts.st_size, PROT_READ, MAP_SHARED | MAP_POPULATE, answer->file, 0);
     answer->bytes = bytes == MAP_FAILED ? NULL : bytes;
     answer->mapped = (size_t)facts.st_size;
-    futimens(answer->file, NULL); /* the order of use outlives a restart */
+    if (use)
+      futimens(answer->file, NULL); /* the order of use outlives a restart */
   }
   if (answer->bytes != NULL && take_apart(answer))
     return answer;
@@ -175,7 +176,7 @@ struct lod_answer *lod_answers_find(struct lod_answers *a, const char *key) {
   pthread_mutex_unlock(&a->mutex);
   if (e == NULL)
     return NULL;
-  struct lod_answer *answer = map(a->folder_fd, name.text);
+  struct lod_answer *answer = map(a->folder_fd, name.text, true);
   pthread_mutex_lock(&a->mutex);
   if (answer != NULL) {
     a->counts.hits++;
@@ -359,6 +360,17 @@ static int compare_used(const void *x, const void *y) {
 
 static bool is_name(const char *name) {
   return strspn(name, "0123456789abcdef") == LOD_ANSWER_KEY && name[LOD_ANSWER_KEY] == '.' && lod_model_id_valid(name + LOD_ANSWER_KEY + 1);
+}
+
+const char *lod_answer_judge(int folder_fd, const char *name, const char **id) {
+  struct stat facts;
+  *id = is_name(name) ? name + LOD_ANSWER_KEY + 1 : NULL;
+  if (*id == NULL || fstatat(folder_fd, name, &facts, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISREG(facts.st_mode))
+    return "no answer";
+  struct lod_answer *answer = map(folder_fd, name, false);
+  const bool whole = answer != NULL;
+  lod_answer_release(answer);
+  return whole ? "" : "damaged or cut short";
 }
 
 /* What the folder has, the least recently used first. What is no answer goes. */

@@ -44,6 +44,10 @@ void lod_answers_keep(struct lod_answers *answers, const char *id, const char *k
 /* Removes all of a model. */
 void lod_answers_forget(struct lod_answers *answers, const char *id);
 
+/* For a store that nobody holds: "", or what is wrong with refined/NAME, as in "refined/NAME is ...". *id: the model that it belongs to, in
+ * name; NULL when the name is no answer's. Reads all of it. */
+const char *lod_answer_judge(int folder_fd, const char *name, const char **id);
+
 struct lod_answers_counts {
   uint64_t files, bytes;                 /* now */
   uint64_t hits, written, evicted, lost; /* since the start; lost: not written, or found damaged */

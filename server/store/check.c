@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "server/jobs/jobs.h"
+#include "server/store/answers.h"
 #include "server/store/catalog.h"
 #include "server/store/files.h"
 #include "server/store/manifest.h"
@@ -28,6 +29,7 @@ struct object {
 
 struct model_name {
   char id[LOD_MODEL_ID_MAX + 1];
+  bool whole;
   struct model_name *next;
 };
 
@@ -39,7 +41,7 @@ struct check {
   struct lod_problem *problem;
   struct lod_catalog *catalog;
   struct lod_table objects; /* sha256 -> struct object */
-  struct model_name *broken;
+  struct model_name *models;
   uint8_t *buffer;
 };
 
@@ -176,15 +178,14 @@ static enum lod_status check_model(void *context, const struct lod_catalog_model
     tell(check, "model %s cannot be served whole: %zu of its %zu objects are damaged or missing; upload it again", row->id, bad,
          manifest->object_count);
   lod_manifest_destroy(manifest);
-  if (!broken && !bad)
-    return LOD_OK;
-  check->findings->broken_models++;
+  check->findings->broken_models += broken || bad;
   struct model_name *name = calloc(1, sizeof *name);
   if (!name)
     return lod_fail_memory(check->problem);
   snprintf(name->id, sizeof name->id, "%s", row->id);
-  name->next = check->broken;
-  check->broken = name;
+  name->whole = !broken && !bad;
+  name->next = check->models;
+  check->models = name;
   return LOD_OK;
 }
 
@@ -202,13 +203,48 @@ static enum lod_status check_job(void *context, const struct lod_catalog_job *ro
 }
 
 static enum lod_status drop_broken(struct check *check) {
-  for (const struct model_name *name = check->broken; name; name = name->next) {
+  for (const struct model_name *name = check->models; name; name = name->next) {
     bool existed;
+    if (name->whole)
+      continue;
     LOD_TRY(lod_catalog_delete_model(check->catalog, name->id, NULL, &existed, check->problem));
     tell(check, "model %s: removed from the catalogue", name->id);
     check->findings->repaired++;
   }
   return LOD_OK;
+}
+
+/* ---- answers ---- */
+
+/* Models that `repair` has removed are not there. */
+static bool is_there(const struct check *check, const char *id) {
+  const struct model_name *name = check->models;
+  while (name && strcmp(name->id, id) != 0)
+    name = name->next;
+  return name && (name->whole || !check->repair);
+}
+
+static void check_refined(struct check *check) {
+  int fd = openat(check->directory_fd, "refined", O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW);
+  if (fd < 0)
+    return; /* of a daemon that never kept any */
+  struct lod_name_list names = lod_list_folder(fd);
+  for (size_t i = 0; i < names.count; i++) {
+    const char *id, *wrong = lod_answer_judge(fd, names.names[i], &id);
+    const bool stray = !*wrong && !is_there(check, id);
+    check->findings->refined++;
+    if (!*wrong && !stray)
+      continue;
+    *(stray ? &check->findings->refined_stray : &check->findings->refined_damaged) += 1;
+    tell(check, "file refined/%.120s is %s%s", names.names[i], stray ? "of a model that is not there" : wrong,
+         check->repair ? ": removed" : "");
+    if (check->repair) {
+      lod_remove_tree(fd, names.names[i]);
+      check->findings->repaired++;
+    }
+  }
+  lod_name_list_finish(&names);
+  close(fd);
 }
 
 /* ---- all ---- */
@@ -242,7 +278,7 @@ static enum lod_status run(struct check *check, const char *directory) {
   check_objects(check);
   LOD_TRY(lod_catalog_read_models(check->catalog, check_model, check, problem));
   LOD_TRY(lod_catalog_read_jobs(check->catalog, check_job, check, problem));
-  if (check->repair && check->broken) { /* what only they named is stray now */
+  if (check->repair && check->findings->broken_models) { /* what only they named is stray now */
     struct lod_store_findings found = *check->findings;
     LOD_TRY(drop_broken(check));
     found.repaired = check->findings->repaired;
@@ -251,6 +287,7 @@ static enum lod_status run(struct check *check, const char *directory) {
     *check->findings = found;
   }
   check_strays(check);
+  check_refined(check);
   return LOD_OK;
 }
 
@@ -268,10 +305,10 @@ enum lod_status lod_store_check(const char *directory, bool repair, FILE *out, s
                         .buffer = malloc(CHUNK)};
   enum lod_status status = check.buffer ? run(&check, directory) : lod_fail_memory(problem);
   forget_objects(&check);
-  while (check.broken) {
-    struct model_name *next = check.broken->next;
-    free(check.broken);
-    check.broken = next;
+  while (check.models) {
+    struct model_name *next = check.models->next;
+    free(check.models);
+    check.models = next;
   }
   lod_catalog_close(check.catalog);
   const int fds[] = {check.uploads_fd, check.objects_fd, check.directory_fd, check.lock_fd};

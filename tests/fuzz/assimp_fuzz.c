@@ -10,7 +10,7 @@ const char *__lsan_default_suppressions(void) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-  static const char *const kFormats[] = {"off", "dae", "x", "3ds", "fbx", "3mf"};
+  static const char *const kFormats[] = {"amf", "dae", "x", "3ds", "fbx", "3mf"};
   if (size > 0)
     fuzz_import(data + 1, size - 1, kFormats[data[0] % (sizeof kFormats / sizeof *kFormats)]);
   return 0;

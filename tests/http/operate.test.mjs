@@ -168,6 +168,15 @@ test('service manager passes a socket, and hears of ready, reload, watchdog and 
   }
 });
 
+const crc32 = (bytes) => {
+  let crc = -1;
+  for (const byte of bytes) {
+    crc ^= byte;
+    for (let i = 0; i < 8; i++) crc = (crc >>> 1) ^ (crc & 1 ? 0xedb88320 : 0);
+  }
+  return ~crc >>> 0;
+};
+
 test('check-store finds a changed byte, and --repair leaves a store that serves the rest', async () => {
   const directory = makeDirectory();
   const store = path.join(directory, 'store');
@@ -178,9 +187,29 @@ test('check-store finds a changed byte, and --repair leaves a store that serves 
   const check = (...args) => spawnSync(path.join(build, 'lodestream'), ['check-store', store, ...args], { encoding: 'utf8' });
   assert.match(check().stderr, /in use/);
   await first.stop();
+  // Answers that a daemon kept: one that is whole, of a model that is there; the same of one that is not; cut short; and no answer at all.
+  const answer = (text) => {
+    const bytes = Buffer.concat([Buffer.from(text), Buffer.from('{}'), Buffer.alloc(24)]), end = bytes.length - 24;
+    bytes.writeBigUInt64LE(BigInt(text.length), end);
+    bytes.writeUInt32LE(2, end + 8);
+    bytes.writeUInt32LE(crc32(bytes.subarray(0, end + 12)), end + 12);
+    bytes.write('LODANSW1', end + 16);
+    return bytes;
+  };
+  const keep = (name, bytes) => fs.writeFileSync(path.join(store, 'refined', name), bytes);
+  keep(`${'1'.repeat(32)}.good`, answer('kept'));
   const sound = check();
-  assert.equal(sound.status, 0, sound.stderr);
-  assert.match(sound.stdout, /2 models, .* 0 damaged, 0 missing/);
+  assert.equal(sound.status, 0, sound.stdout + sound.stderr);
+  assert.match(sound.stdout, /2 models, .* 0 damaged, 0 missing.* 1 refinements: 0 damaged, 0 stray/);
+  keep(`${'2'.repeat(32)}.gone`, answer('orphan'));
+  keep(`${'3'.repeat(32)}.good`, answer('cut short').subarray(1));
+  keep('.new', '');
+  keep(`${'4'.repeat(32)}.bad`, answer('of a model that --repair removes'));
+  const cache = check();
+  assert.equal(cache.status, 1);
+  assert.match(cache.stdout, /5 refinements: 2 damaged, 1 stray/);
+  assert.match(cache.stdout, /file refined\/2{32}\.gone is of a model that is not there\n/);
+  assert.match(cache.stdout, /file refined\/3{32}\.good is damaged or cut short\n/);
   const object = path.join(store, 'objects', name.slice(0, 2), name);
   fs.chmodSync(object, 0o600);
   const bytes = fs.readFileSync(object);
@@ -192,6 +221,7 @@ test('check-store finds a changed byte, and --repair leaves a store that serves 
   assert.match(found.stdout, /model bad cannot be served whole/);
   assert.equal(check('--repair').status, 0);
   assert.equal(check().status, 0);
+  assert.deepEqual(fs.readdirSync(path.join(store, 'refined')), [`${'1'.repeat(32)}.good`]);
   const second = await Daemon.start({ store });
   assert.equal((await second.curl('/v1/models/good/level?error=1')).status, 200);
   assert.equal((await second.curl('/v1/models/bad')).status, 404);
@@ -255,5 +285,7 @@ test('every metric of the dashboard is one that the daemon has', async () => {
     assert.match(text, new RegExp(`^# HELP ${name.replace(/_bucket$/, '')} \\S`, 'm'), name);
     assert.match(text, new RegExp(`^${name}[ {]`, 'm'), name);
   }
+  for (const [, labels, name] of dashboard.matchAll(/by \(([a-z, ]+)\) \((?:rate|increase)\(([a-z_]+)/g))
+    for (const label of labels.split(', ')) assert.match(text, new RegExp(`^${name}\\{.*\\b${label}=`, 'm'), `${name} by ${label}`);
   assert.match(text, /lodestream_worker_ends_total\{cause="done"\} 1/);
 });

@@ -9,19 +9,6 @@ const char *__lsan_default_suppressions(void) {
   return "leak:libassimp";
 }
 
-static void off_quads_become_triangles_and_a_lying_header_is_refused(void **state) {
-  (void)state;
-  const char *text = "OFF\n# square\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n";
-  struct test_import i = test_import_bytes(text, strlen(text), NULL);
-  test_expect_ok(&i);
-  assert_string_equal(i.model.format, "off");
-  assert_int_equal(i.model.source_triangles, 2);
-  assert_int_equal(i.model.material_count, 0);
-  test_import_end(&i);
-  text = "OFF\n4000000000 1 0\n0 0 0\n";
-  test_expect_problem(test_import_bytes(text, strlen(text), NULL), "truncated");
-}
-
 static void collada_nodes_place_their_geometry(void **state) {
   (void)state;
   const char *text =
@@ -72,7 +59,6 @@ static void garbage_under_every_ending_is_a_problem(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(off_quads_become_triangles_and_a_lying_header_is_refused),
       cmocka_unit_test(collada_nodes_place_their_geometry),
       cmocka_unit_test(deeply_nested_xml_is_refused_before_assimp_recurses),
       cmocka_unit_test(garbage_under_every_ending_is_a_problem),
