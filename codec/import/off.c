@@ -1,8 +1,8 @@
 /* Geomview's OFF as text: [ST][C][N][4][n]OFF, counts, a vertex a line, a face a line (how many corners, their vertices, perhaps a colour).
  *
- * Based on: Geomview manual, OFF. A line of a vertex: position (with 4: homogeneous), with N a normal, with C a colour of 3 or 4 numbers (up
- * to 1, or up to 255 where any is larger), with ST texture coordinates. Colours of faces are not read. n: the next number is the dimension,
- * of which 3 alone is read; what is binary is refused. Counts are held against the bytes before memory is taken for them. */
+ * Based on: Geomview manual, OFF. A line of a vertex: position (with 4: homogeneous), with N a normal, with C a colour of 3 or 4 numbers
+ * (up to 1, or up to 255 where any is larger), with ST texture coordinates. Colours of faces are not read. n: the next number is the
+ * dimension, of which 3 alone is read; what is binary is refused. Counts are held against the bytes before memory is taken for them. */
 #include <math.h>
 #include <string.h>
 

@@ -23,7 +23,8 @@ static void quads_become_triangles(void **state) {
 
 static void attributes_follow_the_letters_of_the_header(void **state) {
   (void)state;
-  struct test_import i = import("STCNOFF\n3 1 3\n0 0 0 0 0 1 255 0 0 0.25 0.5\n1 0 0 0 0 1 0 255 0 128 1 0\n0 1 0 0 0 1 0 0 255 0 1\n3 0 1 2\n");
+  struct test_import i =
+      import("STCNOFF\n3 1 3\n0 0 0 0 0 1 255 0 0 0.25 0.5\n1 0 0 0 0 1 0 255 0 128 1 0\n0 1 0 0 0 1 0 0 255 0 1\n3 0 1 2\n");
   test_expect_ok(&i);
   const struct lod_mesh *mesh = &i.model.units[0].mesh;
   assert_true(i.model.parts[0].has_normals && i.model.parts[0].has_colors);
@@ -70,13 +71,14 @@ static void damaged_files_are_refused_by_name(void **state) {
   test_expect_problem(import("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4000000000 0 1 2\n"), "bad-syntax");
   test_expect_problem(import("OFF\n3.5 1 0\n0 0 0\n"), "bad-header");
   /* A face that is not one: assimp's reader went past its memory here. */
-  static const char kFuzzed[] = "OFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n/\0\0\0\0\0\0" "2 3@";
+  static const char kFuzzed[] = "OFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n/\0\0\0\0\0\0"
+                                "2 3@";
   test_expect_problem(test_import_bytes(kFuzzed, sizeof kFuzzed - 1, "a.off"), "empty");
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(quads_become_triangles), cmocka_unit_test(attributes_follow_the_letters_of_the_header),
-                                     cmocka_unit_test(homogeneous_positions_are_divided),
-                                     cmocka_unit_test(damaged_files_are_refused_by_name)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(quads_become_triangles), cmocka_unit_test(attributes_follow_the_letters_of_the_header),
+      cmocka_unit_test(homogeneous_positions_are_divided), cmocka_unit_test(damaged_files_are_refused_by_name)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
