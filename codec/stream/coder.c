@@ -152,24 +152,39 @@ int lod_coder_bit(struct lod_coder *c, struct lod_bit_model *m, int limit, int b
   return bit;
 }
 
-int lod_coder_mix(struct lod_coder *c, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit, int bit) {
-  int32_t inputs[LOD_MIX_INPUTS];
-  int64_t sum = 0;
+/* `count` is known where this is inlined, so that loops unroll. Sums fit: 6 inputs of 2047 times weights of 157286 at most. */
+static inline int mix(struct lod_coder *c, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit, int bit) {
+  int32_t inputs[LOD_MIX_INPUTS], sum = 0;
   for (int i = 0; i < count; i++) {
     inputs[i] = c->tables->stretch[probability(models[i]) >> 4];
-    sum += (int64_t)inputs[i] * (mixer->weights[i] + 65536 * 2 / 5);
+    sum += inputs[i] * (mixer->weights[i] + 65536 * 2 / 5);
   }
-  int32_t s = (int32_t)(sum / 65536);
+  int32_t s = sum / 65536;
   s = s > STRETCH_LIMIT ? STRETCH_LIMIT : s < -STRETCH_LIMIT ? -STRETCH_LIMIT : s;
   uint32_t p = c->tables->squash[s + STRETCH_LIMIT];
   bit = code(c, p, bit);
   int32_t error = (bit ? 65536 : 0) - (int32_t)p;
   for (int i = 0; i < count; i++) {
-    int32_t w = mixer->weights[i] + (int32_t)((int64_t)inputs[i] * error / 16384); /* rate about 0.004 */
+    int32_t w = mixer->weights[i] + inputs[i] * error / 16384; /* rate about 0.004 */
     mixer->weights[i] = w > 131072 ? 131072 : w < -131072 ? -131072 : w;
     learn(c, models[i], limit, bit);
   }
   return bit;
+}
+
+int lod_coder_mix(struct lod_coder *c, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit, int bit) {
+  switch (count) {
+  case 2:
+    return mix(c, models, 2, mixer, limit, bit);
+  case 3:
+    return mix(c, models, 3, mixer, limit, bit);
+  case 4:
+    return mix(c, models, 4, mixer, limit, bit);
+  case 5:
+    return mix(c, models, 5, mixer, limit, bit);
+  default:
+    return mix(c, models, count, mixer, limit, bit);
+  }
 }
 
 uint32_t lod_coder_raw(struct lod_coder *c, uint32_t value, int count) {

@@ -330,11 +330,30 @@ static bool code_explicit(struct search *f, uint32_t base, uint32_t actual, int 
   return true;
 }
 
-struct candidate {
-  uint32_t vertex;
-  float distance; /* squared, in edges of the finer level */
-  uint32_t hops;  /* from the anchor */
+/* Vertices of the ball that the base vertex may be, nearest to where it should be first: sorted as far as anybody asked. */
+struct candidates {
+  uint32_t count, sorted;
+  uint8_t place[BALL];  /* in the ball */
+  float distance[BALL]; /* squared, in edges of the finer level */
 };
+
+/* The i-th of them; of equal ones that which comes first in the ball. */
+static void sort_to(struct candidates *c, uint32_t i) {
+  for (; c->sorted <= i; c->sorted++) {
+    uint32_t best = c->sorted;
+    for (uint32_t k = best + 1; k < c->count; k++)
+      if (c->distance[k] < c->distance[best])
+        best = k;
+    const float distance = c->distance[best];
+    const uint8_t place = c->place[best];
+    for (uint32_t k = best; k > c->sorted; k--) { /* the others stay in order */
+      c->distance[k] = c->distance[k - 1];
+      c->place[k] = c->place[k - 1];
+    }
+    c->distance[c->sorted] = distance;
+    c->place[c->sorted] = place;
+  }
+}
 
 /* The found neighbour that is nearest to a base vertex. */
 static uint32_t find_anchor(const struct search *f, uint32_t base) {
@@ -370,13 +389,12 @@ static uint32_t gather(struct search *f, uint32_t of, lod_v4 origin, const lod_v
   return count;
 }
 
-static uint32_t find_candidates(struct search *f, uint32_t base, struct candidate candidates[CANDIDATES]) {
+static void find_candidates(struct search *f, uint32_t base, struct candidates *candidates) {
   struct step *s = f->step;
   const uint32_t anchor = find_anchor(f, base);
   const lod_v4 origin = s->base.positions[anchor];
   lod_v4 axes[2];
   struct pair pairs[PAIRS] = {{{0, 0}, {0, 0}}};
-  uint32_t count = 0;
   use_ball(f, s->kept[anchor]);
   const struct ball *ball = f->ball;
   tangents(&s->base, anchor, axes);
@@ -384,21 +402,16 @@ static uint32_t find_candidates(struct search *f, uint32_t base, struct candidat
   const struct complex z = unfold(axes, s->base.positions[base] - origin);
   const struct affine map = fit_map(pairs, gather(f, anchor, origin, axes, pairs, gather(f, base, origin, axes, pairs, 1)), z);
   const float scale = map.a.x * map.a.x + map.a.y * map.a.y + map.b.x * map.b.x + map.b.y * map.b.y, unit = scale > 0 ? 1 / scale : 0;
+  uint32_t count = 0;
   for (uint32_t i = 1; i < ball->count; i++) {
-    if (s->estimated[ball->vertices[i]] == 2)
-      continue;
     const struct complex w = ball->plane[i], c = {w.x, -w.y}, aw = times(map.a, w), bw = times(map.b, c);
-    const float dx = aw.x + bw.x + map.c.x - z.x, dy = aw.y + bw.y + map.c.y - z.y, d = (dx * dx + dy * dy) * unit;
-    uint32_t k = count < CANDIDATES ? count++ : CANDIDATES;
-    while (k > 0 && d < candidates[k - 1].distance) {
-      if (k < CANDIDATES)
-        candidates[k] = candidates[k - 1];
-      k--;
-    }
-    if (k < CANDIDATES)
-      candidates[k] = (struct candidate){ball->vertices[i], d, ball->hops[i]};
+    const float dx = aw.x + bw.x + map.c.x - z.x, dy = aw.y + bw.y + map.c.y - z.y;
+    candidates->distance[count] = (dx * dx + dy * dy) * unit;
+    candidates->place[count] = (uint8_t)i;
+    count += s->estimated[ball->vertices[i]] != 2;
   }
-  return count;
+  candidates->count = count;
+  candidates->sorted = 0;
 }
 
 /* How far ahead of the next one a candidate is: 0 (level) to 15. */
@@ -427,23 +440,23 @@ static uint32_t hops_of(uint32_t hops) {
 
 static bool code_near(struct search *f, uint32_t base, uint32_t actual) {
   struct step *s = f->step;
-  struct candidate candidates[CANDIDATES];
-  uint32_t count = find_candidates(f, base, candidates);
-  uint32_t anchors = f->state[base] < 8 ? f->state[base] : 7, rank = 0;
-  while (rank < count && candidates[rank].vertex != actual)
-    rank++;
+  struct candidates near;
+  find_candidates(f, base, &near);
+  const uint32_t *vertices = f->ball->vertices, count = near.count < CANDIDATES ? near.count : CANDIDATES;
+  const uint32_t anchors = f->state[base] < 8 ? f->state[base] : 7;
   for (uint32_t i = 0; i < count; i++) {
-    float spread = i + 1 < count ? candidates[i + 1].distance : 1e30f;
-    uint32_t ahead = lead(candidates[i].distance, spread),
-             third = i + 2 < count ? lead(candidates[i].distance, candidates[i + 2].distance) : 15;
-    uint32_t place = i < 3 ? i : 3, valence, beside = surroundings(f, candidates[i].vertex, &valence);
+    sort_to(&near, i + 2 < count ? i + 2 : count - 1);
+    const float spread = i + 1 < count ? near.distance[i + 1] : 1e30f;
+    const uint32_t v = vertices[near.place[i]], hops = hops_of(f->ball->hops[near.place[i]]);
+    uint32_t ahead = lead(near.distance[i], spread), third = i + 2 < count ? lead(near.distance[i], near.distance[i + 2]) : 15;
+    uint32_t place = i < 3 ? i : 3, valence, beside = surroundings(f, v, &valence);
     struct lod_bit_model *models[5] = {&f->models->rank[0][i][ahead][anchors], &f->models->rank[1][i][third][ahead / 2],
-                                       &f->models->near[lead(0.02f, candidates[i].distance)][beside][place],
+                                       &f->models->near[lead(0.02f, near.distance[i])][beside][place],
                                        &f->models->shape[valence][beside][place],
-                                       &f->models->far[hops_of(candidates[i].hops)][hops_of(candidates[0].hops)][place]};
-    if (!lod_coder_mix(&s->coder, models, 5, &f->models->rank_mixer[i][beside > 0], LOD_ADAPT, rank == i))
+                                       &f->models->far[hops][hops_of(f->ball->hops[near.place[0]])][place]};
+    if (!lod_coder_mix(&s->coder, models, 5, &f->models->rank_mixer[i][beside > 0], LOD_ADAPT, v == actual))
       continue;
-    keep(f, base, candidates[i].vertex);
+    keep(f, base, v);
     finish(f, base, true);
     return true;
   }

@@ -1,7 +1,8 @@
 /* Deltas beside Draco: bits by part, all levels of a nested hierarchy against the finest one alone and against separate levels, the first
  * picture, bytes until an error is met, speed (CPU time) and memory. Draco is at speed 0 on the same grids.
  *
- *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan|envelope] [-b BITS] [-r RATIO] [-f SHARE] [-v] [-e] [-u TRIANGLES] [PLY...]"
+ *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan|envelope] [-b BITS] [-r RATIO] [-f SHARE] [-v] [-e] [-u TRIANGLES] [-n DECODES]
+ *                           [PLY...]"
  *
  * retile (default): the finest level is re-tiled with SHARE (0.25) of the source's vertices; collapse: the finest is simplified to SHARE of
  * the source's triangles by meshopt_simplify, whose vertices are the source's, and so are all others; scan: the same with the source itself
@@ -9,8 +10,10 @@
  * that. Each level (but envelope's) has 1 / RATIO (4) of the vertices of the next. The finest is quantised with BITS (12) along the longest
  * side, coarser ones as much more coarsely as they have fewer vertices, up to 16 times. -v: a line a level. -e: bytes until certified
  * errors are met, ours beside the best of Draco of meshopt_simplify bisected to that error, which takes minutes a model. -u: steps in units
- * too, of at most TRIANGLES of the coarser level each; bytes of all of them over the whole step's, for steps that have at least two. */
+ * too, of at most TRIANGLES of the coarser level each; bytes of all of them over the whole step's, for steps that have at least two.
+ * -n: how often each level is decoded to be timed (3). Memory is warm: rates are of decoding, not of the kernel's pages. */
 #include <dirent.h>
+#include <malloc.h>
 #include <math.h>
 #include <meshoptimizer.h>
 #include <stdio.h>
@@ -222,6 +225,8 @@ struct coded {
   struct lod_delta_statistics bits;
 };
 
+static uint32_t decodes = 3;
+
 static struct coded code(const struct chain *chain, const struct lod_rounded *levels, uint32_t k, struct lod_arena *arena) {
   struct coded result = {0};
   struct lod_delta_encode_request request = lod_delta_encode_defaults();
@@ -240,9 +245,8 @@ static struct coded code(const struct chain *chain, const struct lod_rounded *le
   if (lod_delta_encode(&request, arena, &bytes, &result.size, &problem) != LOD_OK)
     must(false, problem.detail);
   result.encode_seconds = now() - start;
-  enum { REPEAT = 3 };
   start = now();
-  for (int i = 0; i < REPEAT; i++) {
+  for (uint32_t i = 0; i < decodes; i++) {
     struct lod_arena *own = lod_arena_create(0);
     struct lod_delta_level level;
     if (lod_delta_decode(bytes, result.size, request.base, NULL, own, &level, &problem) != LOD_OK)
@@ -250,7 +254,7 @@ static struct coded code(const struct chain *chain, const struct lod_rounded *le
     result.peak = lod_arena_peak_bytes(own);
     lod_arena_destroy(own);
   }
-  result.decode_seconds = (now() - start) / REPEAT;
+  result.decode_seconds = (now() - start) / decodes;
   return result;
 }
 
@@ -483,6 +487,8 @@ int main(int argc, char **argv) {
   struct options o = {.mode = "retile", .bits = 12, .ratio = 4, .share = 0.25};
   struct totals totals = {0};
   bool given = false;
+  mallopt(M_MMAP_MAX, 0);
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
   for (int i = 1; i < argc; i++) {
     const char *value = i + 1 < argc ? argv[i + 1] : "";
     if (strcmp(argv[i], "-v") == 0)
@@ -493,6 +499,8 @@ int main(int argc, char **argv) {
       o.mode = value, i++;
     else if (strcmp(argv[i], "-u") == 0)
       o.units = (uint32_t)atoi(value), i++;
+    else if (strcmp(argv[i], "-n") == 0)
+      decodes = (uint32_t)fmax(1, atof(value)), i++;
     else if (strcmp(argv[i], "-b") == 0)
       o.bits = atof(value), i++;
     else if (strcmp(argv[i], "-r") == 0)
