@@ -55,7 +55,7 @@ static enum lod_status read_count(struct off *off, const char *what, double most
   if (value > most)
     return lod_reader_bad(off->reader, "truncated", "the OFF header promises %.0f %s, more than %zu bytes can hold", value, what,
                           off->reader->size);
-  *count = (uint32_t)value;
+  *count = value < UINT32_MAX ? (uint32_t)value : UINT32_MAX;
   return LOD_OK;
 }
 

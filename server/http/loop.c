@@ -537,6 +537,10 @@ static bool add_watch(int epoll_fd, int fd, enum watch *watch) {
   return epoll_ctl(epoll_fd, EPOLL_CTL_ADD, fd, &event) == 0;
 }
 
+/* Authenticated ciphers only, and the server chooses: with 128 bits a body costs a quarter less than with 256. */
+static const char kCiphers[] = "NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2:-CIPHER-ALL:+AES-128-GCM:+CHACHA20-POLY1305:+AES-256-GCM:"
+                               "%SERVER_PRECEDENCE";
+
 /* Takes the listener; -1: connections come from other loops. */
 static enum lod_status start_loop(struct loop *loop, int listener, struct lod_problem *problem) {
   const struct lod_config *config = loop->http->service->config;
@@ -547,7 +551,7 @@ static enum lod_status start_loop(struct loop *loop, int listener, struct lod_pr
   struct MHD_OptionItem more[] = {
       {listener < 0 ? MHD_OPTION_LISTEN_BACKLOG_SIZE : MHD_OPTION_LISTEN_SOCKET, listener < 0 ? 1 : listener, NULL},
       {tls ? MHD_OPTION_HTTPS_CERT_CALLBACK : MHD_OPTION_END, 0, (void *)lod_tls_retrieve},
-      {MHD_OPTION_HTTPS_PRIORITIES, 0, (void *)"NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2"},
+      {MHD_OPTION_HTTPS_PRIORITIES, 0, (void *)kCiphers},
       {MHD_OPTION_END, 0, NULL}};
   loop->listener = listener;
   loop->share = (uint32_t)((config->connections + loop->http->loop_count - 1) / loop->http->loop_count);

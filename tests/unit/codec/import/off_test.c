@@ -15,6 +15,9 @@ static void quads_become_triangles(void **state) {
   assert_int_equal(i.model.source_triangles, 2);
   assert_int_equal(i.model.material_count, 0);
   test_import_end(&i);
+  i = import("OFF 3 1 999999999999999\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2"); /* edges are not believed */
+  test_expect_ok(&i);
+  test_import_end(&i);
   i = import("OFF 3 1\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2");
   test_expect_ok(&i);
   assert_int_equal(i.model.source_triangles, 1);
