@@ -117,5 +117,8 @@ double lod_bezier_curve_deviation(const struct lod_bezier_curve *curve, uint32_t
 
 /* A cone that holds all normals of a patch: unit axis and the sine of the half angle, below 1. False: no such cone was found. */
 bool lod_bezier_normal_cone(const struct lod_bezier *net, struct lod_vec3 *axis, double *sine);
+/* Proof that the patch has a normal everywhere, and so does not fold over itself locally: it was cut into parts, up to three times over,
+ * each with such a cone. False: not proven. */
+bool lod_bezier_is_regular(const struct lod_bezier *net);
 
 #endif

@@ -41,3 +41,27 @@ bool lod_bezier_normal_cone(const struct lod_bezier *net, struct lod_vec3 *axis,
   *sine = least > 0 ? sqrt(fmax(0, 1 - least * least)) : 1;
   return longest > 0 && least > 1e-6;
 }
+
+enum { REGULAR_DEPTH = 3 };
+
+static bool regular_within(const struct lod_bezier *net, int depth) {
+  static const struct lod_barycentric kCorners[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
+                                      kMiddles[3] = {{0.5, 0.5, 0}, {0, 0.5, 0.5}, {0.5, 0, 0.5}};
+  struct lod_vec3 axis;
+  double sine;
+  if (lod_bezier_normal_cone(net, &axis, &sine))
+    return true;
+  if (depth == 0)
+    return false;
+  for (int k = 0; k < 4; k++) {
+    struct lod_bezier part = k == 3 ? lod_bezier_restrict(net, kMiddles[0], kMiddles[1], kMiddles[2])
+                                    : lod_bezier_restrict(net, kCorners[k], kMiddles[k], kMiddles[(k + 2) % 3]);
+    if (!regular_within(&part, depth - 1))
+      return false;
+  }
+  return true;
+}
+
+bool lod_bezier_is_regular(const struct lod_bezier *net) {
+  return regular_within(net, REGULAR_DEPTH);
+}

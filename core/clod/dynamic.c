@@ -453,7 +453,7 @@ static enum lod_status make_patch(struct lod_dynamic *d, uint32_t p, struct lod_
     state->makes[k] = edge->make;
   }
   uint32_t before = state->inner_room == 0 ? 0 : state->grid;
-  LOD_TRY(lod_pattern_choose(&d->cache, &net, factors, state->tolerance, true, &state->grid, &state->pattern, &state->deviation));
+  LOD_TRY(lod_pattern_choose(&d->cache, &net, factors, state->tolerance, &state->grid, &state->pattern, &state->deviation));
   const struct lod_tessellation_pattern *pattern = &d->cache.entries[state->pattern].pattern;
   uint32_t inside = pattern->vertex_count - pattern->inner_vertices;
   if (state->grid != before) {

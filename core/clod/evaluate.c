@@ -15,22 +15,28 @@ static void splat3(lod_lanes out[3], struct lod_vec3 v, double scale) {
   out[2] = splat(scale * v.z);
 }
 
+/* 9 products, each of two rounded numbers, and 8 sums; weights add up to at most 1. */
+double lod_evaluator_rounding(const struct lod_bezier *net) {
+  double extent = 0;
+  for (int i = 1; i < LOD_BEZIER_POINTS; i++) {
+    struct lod_vec3 d = lod_vec3_subtract(net->p[i], net->p[0]);
+    extent = fmax(extent, fabs(d.x) + fabs(d.y) + fabs(d.z));
+  }
+  return 24 * 0x1p-24 * extent;
+}
+
 void lod_evaluator_init(struct lod_evaluator *e, const struct lod_bezier *net) {
   /* Control points of the derivatives along B - A and C - A: quadratic point i less another of the cubic. */
   static const uint8_t kFrom[6] = {0, 4, 7, 3, 9, 8}, kV[6] = {3, 1, 6, 4, 5, 9}, kW[6] = {8, 5, 2, 9, 6, 7};
   const struct lod_vec3 *p = net->p;
-  double extent = 0;
   e->corner = p[0];
-  for (int i = 0; i < 9; i++) {
-    struct lod_vec3 d = lod_vec3_subtract(p[i + 1], p[0]);
-    extent = fmax(extent, fabs(d.x) + fabs(d.y) + fabs(d.z));
-    splat3(e->point[i], d, 1);
-  }
+  for (int i = 0; i < 9; i++)
+    splat3(e->point[i], lod_vec3_subtract(p[i + 1], p[0]), 1);
   for (int i = 0; i < 6; i++) {
     splat3(e->dv[i], lod_vec3_subtract(p[kV[i]], p[kFrom[i]]), 3);
     splat3(e->dw[i], lod_vec3_subtract(p[kW[i]], p[kFrom[i]]), 3);
   }
-  e->rounding = 24 * 0x1p-24 * extent; /* 9 products, each of two rounded numbers, and 8 sums; weights add up to at most 1 */
+  e->rounding = lod_evaluator_rounding(net);
 }
 
 static void sum_lanes(lod_lanes out[3], const lod_lanes (*points)[3], const lod_lanes *basis, int count) {

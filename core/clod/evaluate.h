@@ -18,6 +18,7 @@ struct lod_evaluator {
   lod_lanes point[9][3], dv[6][3], dw[6][3];
   double rounding;
 };
+double lod_evaluator_rounding(const struct lod_bezier *net);
 void lod_evaluator_init(struct lod_evaluator *evaluator, const struct lod_bezier *net);
 
 /* positions: count, not NULL; normals: count, unit, zero where there is none, or NULL. count: of inside vertices. */

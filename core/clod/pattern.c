@@ -154,68 +154,184 @@ struct lod_bend lod_bend_of(const struct lod_bezier *patch) {
   return bend;
 }
 
-static double coordinate(struct lod_barycentric at, int k) {
-  return k == 0 ? at.u : k == 1 ? at.v : at.w;
+static inline double larger(double a, double b) {
+  return a > b ? a : b;
 }
 
-/* Largest second derivative along the side from a to b of a small triangle, over its three corners. For a direction d with coordinates
- * that add up to 0, the second derivative is -(sum over sides s = (a, b) of d_a d_b h_s). */
-static double side_bend(const struct lod_bend *bend, const struct lod_barycentric corner[3], int from, int to) {
-  double d[3];
-  for (int k = 0; k < 3; k++)
-    d[k] = coordinate(corner[to], k) - coordinate(corner[from], k);
-  double worst = 0;
+/* Squares of the largest second derivatives along the sides of a small triangle, each over its three corners. For a direction d with
+ * coordinates that add up to 0, the second derivative is -(sum over sides s = (a, b) of d_a d_b h_s). */
+static void side_bends(const struct lod_bend *bend, const struct lod_tessellation_pattern *pattern, const uint32_t triangle[3],
+                       double squares[3]) {
+  double at[3][3], h[3][3][3]; /* corner, side, axis */
   for (int c = 0; c < 3; c++) {
-    struct lod_vec3 sum = {0, 0, 0};
-    for (int s = 0; s < 3; s++)
-      for (int k = 0; k < 3; k++)
-        sum = lod_vec3_add_scaled(sum, bend->h[s][k], -d[s] * d[(s + 1) % 3] * coordinate(corner[c], k));
-    worst = fmax(worst, lod_vec3_length_squared(sum));
+    struct lod_barycentric corner = pattern->domain[triangle[c]];
+    at[c][0] = corner.u, at[c][1] = corner.v, at[c][2] = corner.w;
+    for (int s = 0; s < 3; s++) {
+      const struct lod_vec3 *b = bend->h[s];
+      h[c][s][0] = corner.u * b[0].x + corner.v * b[1].x + corner.w * b[2].x;
+      h[c][s][1] = corner.u * b[0].y + corner.v * b[1].y + corner.w * b[2].y;
+      h[c][s][2] = corner.u * b[0].z + corner.v * b[1].z + corner.w * b[2].z;
+    }
   }
-  return sqrt(worst);
+  for (int e = 0; e < 3; e++) {
+    const double *from = at[e], *to = at[e == 2 ? 0 : e + 1];
+    double du = to[0] - from[0], dv = to[1] - from[1], dw = to[2] - from[2], uv = du * dv, vw = dv * dw, wu = dw * du;
+    squares[e] = 0;
+    for (int c = 0; c < 3; c++) {
+      double x = uv * h[c][0][0] + vw * h[c][1][0] + wu * h[c][2][0], y = uv * h[c][0][1] + vw * h[c][1][1] + wu * h[c][2][1];
+      double z = uv * h[c][0][2] + vw * h[c][1][2] + wu * h[c][2][2];
+      squares[e] = larger(squares[e], x * x + y * y + z * z);
+    }
+  }
 }
 
 /* Maximum of 1/2 (x l0 l1 + y l1 l2 + z l2 l0) over barycentric coordinates l: on a side an eighth of its D; inside where the gradient is
  * the same in all three, at l0 : l1 : l2 = y (x + z - y) : z (x + y - z) : x (y + z - x), when these are positive. */
 static double triangle_bound(double x, double y, double z) {
-  double most = fmax(x, fmax(y, z)) / 8;
+  double most = larger(x, larger(y, z)) / 8;
   double l0 = y * (x + z - y), l1 = z * (x + y - z), l2 = x * (y + z - x), sum = l0 + l1 + l2;
   if (!(l0 > 0 && l1 > 0 && l2 > 0))
     return most;
-  return fmax(most, 0.5 * (x * l0 * l1 + y * l1 * l2 + z * l2 * l0) / (sum * sum));
+  return larger(most, 0.5 * (x * l0 * l1 + y * l1 * l2 + z * l2 * l0) / (sum * sum));
 }
 
 double lod_bend_deviation(const struct lod_bend *bend, const struct lod_tessellation_pattern *pattern, uint32_t begin, uint32_t end) {
   double worst = 0;
   for (uint32_t t = begin; t < end; t++) {
-    const uint32_t *triangle = pattern->triangles[t];
-    struct lod_barycentric corner[3] = {pattern->domain[triangle[0]], pattern->domain[triangle[1]], pattern->domain[triangle[2]]};
-    worst = fmax(worst, triangle_bound(side_bend(bend, corner, 0, 1), side_bend(bend, corner, 1, 2), side_bend(bend, corner, 2, 0)));
+    double squares[3];
+    side_bends(bend, pattern, pattern->triangles[t], squares);
+    worst = larger(worst, triangle_bound(sqrt(squares[0]), sqrt(squares[1]), sqrt(squares[2])));
   }
   return worst;
 }
 
-/* An upper bound of lod_bend_deviation that needs no vectors: by the largest second derivative along each side. */
-static double quick_deviation(const struct lod_bend *bend, const struct lod_tessellation_pattern *pattern, uint32_t begin, uint32_t end) {
-  double most[3] = {0, 0, 0}, worst = 0;
+/* Largest second derivative along each side. */
+static void most_bends(const struct lod_bend *bend, double most[3]) {
   for (int s = 0; s < 3; s++) {
+    most[s] = 0;
     for (int k = 0; k < 3; k++)
       most[s] = fmax(most[s], lod_vec3_length_squared(bend->h[s][k]));
     most[s] = sqrt(most[s]);
   }
+}
+
+/* Bounds of triangles begin up to end for patches whose second derivatives are at most 1 along the sides of the mask, 0 along others. */
+static void make_unit_bounds(const struct lod_tessellation_pattern *pattern, uint32_t begin, uint32_t end, double bounds[8]) {
+  for (int mask = 0; mask < 8; mask++)
+    bounds[mask] = 0;
   for (uint32_t t = begin; t < end; t++) {
     const uint32_t *triangle = pattern->triangles[t];
-    double bends[3];
+    double parts[3][3];
     for (int e = 0; e < 3; e++) {
       struct lod_barycentric a = pattern->domain[triangle[e]], b = pattern->domain[triangle[e == 2 ? 0 : e + 1]];
       double du = b.u - a.u, dv = b.v - a.v, dw = b.w - a.w;
-      bends[e] = fabs(du * dv) * most[0] + fabs(dv * dw) * most[1] + fabs(dw * du) * most[2];
+      parts[e][0] = fabs(du * dv), parts[e][1] = fabs(dv * dw), parts[e][2] = fabs(dw * du);
     }
-    double largest = fmax(bends[0], fmax(bends[1], bends[2]));
-    if (largest > 6 * worst) /* a triangle's bound is at most a sixth of the largest */
-      worst = fmax(worst, triangle_bound(bends[0], bends[1], bends[2]));
+    for (int mask = 1; mask < 8; mask++) {
+      double sums[3] = {0, 0, 0};
+      for (int e = 0; e < 3; e++)
+        for (int s = 0; s < 3; s++)
+          sums[e] += (mask >> s & 1) != 0 ? parts[e][s] : 0;
+      double largest = larger(sums[0], larger(sums[1], sums[2]));
+      if (largest > 6 * bounds[mask]) /* a triangle's bound is at most a sixth of the largest */
+        bounds[mask] = larger(bounds[mask], triangle_bound(sums[0], sums[1], sums[2]));
+    }
   }
-  return worst;
+}
+
+/* An upper bound of lod_bend_deviation from numbers that the pattern keeps. triangle_bound is a maximum of linear functions with positive
+ * factors: rising, homogeneous, and of a sum at most the sum. So the bends are taken in layers: the least along all three sides, what the
+ * second has above it along two, what the largest has above that along one. */
+static double quick_deviation(const double most[3], const double bounds[8]) {
+  int low = most[0] <= most[1] ? 0 : 1, high = 1 - low, middle = 2;
+  if (most[2] < most[low])
+    middle = low, low = 2;
+  else if (most[2] > most[high])
+    middle = high, high = 2;
+  double sum =
+      most[low] * bounds[7] + (most[middle] - most[low]) * bounds[7 & ~(1 << low)] + (most[high] - most[middle]) * bounds[1 << high];
+  return sum * (1 + 1e-12);
+}
+
+/* ---- the same for four triangles at a time, in float ---- */
+
+typedef int32_t lane_mask __attribute__((vector_size(16)));
+
+static enum lod_status make_ring(struct lod_arena *arena, const struct lod_tessellation_pattern *pattern, uint32_t begin,
+                                 struct lod_ring_basis *ring) {
+  uint32_t count = pattern->triangle_count - begin;
+  ring->blocks = (count + 3) / 4;
+  ring->at = lod_arena_alloc(arena, ring->blocks, sizeof *ring->at);
+  ring->products = lod_arena_alloc(arena, ring->blocks, sizeof *ring->products);
+  if (ring->at == NULL || ring->products == NULL)
+    return LOD_MEMORY;
+  for (uint32_t i = 0; i < 4 * ring->blocks; i++) {
+    const uint32_t *triangle = pattern->triangles[begin + (i < count ? i : 0)];
+    for (int c = 0; c < 3; c++) {
+      struct lod_barycentric a = pattern->domain[triangle[c]], b = pattern->domain[triangle[c == 2 ? 0 : c + 1]];
+      double du = b.u - a.u, dv = b.v - a.v, dw = b.w - a.w;
+      lod_lanes *at = ring->at[i / 4][c], *products = ring->products[i / 4][c];
+      at[0][i % 4] = (float)a.u, at[1][i % 4] = (float)a.v, at[2][i % 4] = (float)a.w;
+      products[0][i % 4] = (float)(du * dv), products[1][i % 4] = (float)(dv * dw), products[2][i % 4] = (float)(dw * du);
+    }
+  }
+  return LOD_OK;
+}
+
+/* Squares along the three sides of four triangles. bend: side, corner, axis. */
+static void ring_bends(lod_lanes bend[3][3][3], const lod_lanes at[3][3], const lod_lanes products[3][3], lod_lanes squares[3]) {
+  for (int e = 0; e < 3; e++)
+    squares[e] = (lod_lanes){0, 0, 0, 0};
+  for (int c = 0; c < 3; c++) {
+    lod_lanes h[3][3];
+    for (int s = 0; s < 3; s++)
+      for (int axis = 0; axis < 3; axis++)
+        h[s][axis] = at[c][0] * bend[s][0][axis] + at[c][1] * bend[s][1][axis] + at[c][2] * bend[s][2][axis];
+    for (int e = 0; e < 3; e++) {
+      lod_lanes square = {0, 0, 0, 0};
+      for (int axis = 0; axis < 3; axis++) {
+        lod_lanes sum = products[e][0] * h[0][axis] + products[e][1] * h[1][axis] + products[e][2] * h[2][axis];
+        square += sum * sum;
+      }
+      lane_mask above = square > squares[e];
+      squares[e] = (lod_lanes)(((lane_mask)square & above) | ((lane_mask)squares[e] & ~above));
+    }
+  }
+}
+
+/* Stops above `limit`; below a third of it, what is cheaper to tell is told: a sixth of the largest of a side. Rounding is about 20 times
+ * 2^-24 of what the terms add up to without their signs, of which `quick` is a bound too. */
+static double ring_deviation(const struct lod_bend *bend, const struct lod_ring_basis *ring, double quick, double limit) {
+  double scale = 0, worst = 0, cheap = 0; /* in units of scale: floats neither overflow nor vanish */
+  lod_lanes lanes[3][3][3];
+  for (int s = 0; s < 3; s++)
+    for (int k = 0; k < 3; k++)
+      scale = larger(scale, larger(fabs(bend->h[s][k].x), larger(fabs(bend->h[s][k].y), fabs(bend->h[s][k].z))));
+  if (!(scale > 0 && isfinite(scale)))
+    return scale > 0 ? INFINITY : 0;
+  limit /= scale;
+  for (int s = 0; s < 3; s++)
+    for (int k = 0; k < 3; k++) {
+      const struct lod_vec3 *h = &bend->h[s][k];
+      float x = (float)(h->x / scale), y = (float)(h->y / scale), z = (float)(h->z / scale);
+      lanes[s][k][0] = (lod_lanes){x, x, x, x};
+      lanes[s][k][1] = (lod_lanes){y, y, y, y};
+      lanes[s][k][2] = (lod_lanes){z, z, z, z};
+    }
+  for (uint32_t block = 0; block < ring->blocks && worst <= limit; block++) {
+    lod_lanes squares[3];
+    ring_bends(lanes, ring->at[block], ring->products[block], squares);
+    for (int i = 0; i < 4; i++) {
+      double x = squares[0][i], y = squares[1][i], z = squares[2][i], most = larger(x, larger(y, z));
+      if (most <= cheap)
+        continue;
+      if (most <= 4 * limit * limit)
+        cheap = most;
+      else
+        worst = larger(worst, triangle_bound(sqrt(x), sqrt(y), sqrt(z)));
+    }
+  }
+  return scale * larger(worst, sqrt(cheap) / 6) + 64 * 0x1p-24 * quick;
 }
 
 double lod_tessellation_deviation(const struct lod_bezier *patch, const struct lod_tessellation_pattern *pattern) {
@@ -303,6 +419,9 @@ enum lod_status lod_pattern_cache_find(struct lod_pattern_cache *cache, uint32_t
   entry->m = m;
   memcpy(entry->factors, factors, sizeof entry->factors);
   LOD_TRY(lod_tessellation_pattern_make(m, factors, cache->arena, &entry->pattern));
+  uint32_t grid = m < 3 ? 0 : (m - 3) * (m - 3); /* the inner triangles come first and obey the grid's bound */
+  make_unit_bounds(&entry->pattern, grid, entry->pattern.triangle_count, entry->unit_bounds);
+  LOD_TRY(make_ring(cache->arena, &entry->pattern, grid, &entry->ring));
   if (m >= 3 && cache->grids[m].blocks == 0)
     LOD_TRY(make_basis(cache, &entry->pattern, &cache->grids[m]));
   *found = cache->slots[slot] = cache->count++;
@@ -318,23 +437,25 @@ uint32_t lod_pattern_step(double parts) {
 }
 
 enum lod_status lod_pattern_choose(struct lod_pattern_cache *cache, const struct lod_bezier *net, const uint32_t factors[3],
-                                   double tolerance, bool steps, uint32_t *grid, uint32_t *number, double *deviation) {
+                                   double tolerance, uint32_t *grid, uint32_t *number, double *deviation) {
   struct lod_bend bend = lod_bend_of(net);
-  double whole = lod_bezier_deviation(net, 1);
+  double whole = lod_bezier_deviation(net, 1), most[3];
   uint32_t largest = 1;
+  most_bends(&bend, most);
   for (uint32_t k = 0; k < 3; k++)
     largest = factors[k] > largest ? factors[k] : largest;
-  uint32_t m = lod_bezier_segments(net, tolerance, LOD_TESSELLATE_MOST);
-  m = steps ? lod_pattern_step(m) : m;
+  uint32_t m = lod_pattern_step(lod_bezier_segments(net, tolerance, LOD_TESSELLATE_MOST));
   if (m < 3 && largest > m)
     m = largest == 2 ? 2 : 3;
-  for (;; m = steps ? lod_pattern_step(m + 1) : m + 1 + m / 8 < LOD_TESSELLATE_MOST ? m + 1 + m / 8 : LOD_TESSELLATE_MOST) {
+  for (;; m = lod_pattern_step(m + 1)) {
     LOD_TRY(lod_pattern_cache_find(cache, m, factors, number));
-    const struct lod_tessellation_pattern *pattern = &cache->entries[*number].pattern;
-    uint32_t ring = m < 3 ? 0 : (m - 3) * (m - 3); /* the inner triangles come first and obey the grid's bound */
-    *deviation = steps ? quick_deviation(&bend, pattern, ring, pattern->triangle_count) : INFINITY;
-    if (*deviation > tolerance)
-      *deviation = lod_bend_deviation(&bend, pattern, ring, pattern->triangle_count);
+    const struct lod_pattern_entry *entry = &cache->entries[*number];
+    uint32_t ring = m < 3 ? 0 : (m - 3) * (m - 3);
+    double quick = *deviation = quick_deviation(most, entry->unit_bounds);
+    if (quick > tolerance)
+      *deviation = fmin(quick, ring_deviation(&bend, &entry->ring, quick, tolerance));
+    if (*deviation > tolerance && m == LOD_TESSELLATE_MOST)
+      *deviation = lod_bend_deviation(&bend, &entry->pattern, ring, entry->pattern.triangle_count);
     if (ring > 0)
       *deviation = fmax(*deviation, whole / ((double)m * m));
     if (*deviation <= tolerance || m == LOD_TESSELLATE_MOST)

@@ -38,11 +38,11 @@ struct lod_bend lod_bend_of(const struct lod_bezier *patch);
 double lod_bend_deviation(const struct lod_bend *bend, const struct lod_tessellation_pattern *pattern, uint32_t begin, uint32_t end);
 
 /* The grid for a patch whose edges have these factors: from its own bends, then finer until the stitched ring holds as well.
- * tolerance > 0. steps: m is one of lod_pattern_step. *pattern: number in the cache. *deviation: the bound; above the tolerance only where
+ * tolerance > 0. m is one of lod_pattern_step. *pattern: number in the cache. *deviation: the bound; above the tolerance only where
  * LOD_TESSELLATE_MOST is not enough. */
 struct lod_pattern_cache;
 LOD_WARN_UNUSED enum lod_status lod_pattern_choose(struct lod_pattern_cache *cache, const struct lod_bezier *net, const uint32_t factors[3],
-                                                   double tolerance, bool steps, uint32_t *m, uint32_t *pattern, double *deviation);
+                                                   double tolerance, uint32_t *m, uint32_t *pattern, double *deviation);
 /* The least number of parts from a short list that is at least `parts`: fewer patterns, fewer changes. LOD_TESSELLATE_MOST at most. */
 uint32_t lod_pattern_step(double parts);
 
@@ -54,9 +54,18 @@ struct lod_grid_basis {
   lod_lanes (*quadratic)[6]; /* 200, 020, 002, 110, 011, 101 */
 };
 
+/* Four triangles of a pattern that are not grid, side by side, for their bounds; the last block is filled up with the first. */
+struct lod_ring_basis {
+  uint32_t blocks;
+  lod_lanes (*at)[3][3];       /* corner, coordinate */
+  lod_lanes (*products)[3][3]; /* side from corner e; du dv, dv dw, dw du along it */
+};
+
 struct lod_pattern_entry {
   uint32_t m, factors[3];
   struct lod_tessellation_pattern pattern;
+  struct lod_ring_basis ring;
+  double unit_bounds[8]; /* of what is not grid, by mask of sides: lod_bend_deviation where second derivatives along these are at most 1 */
 };
 
 /* Patterns by (m, factors), made when first met. */

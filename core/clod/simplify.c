@@ -157,6 +157,18 @@ static void gather_net(const struct lod_clod *clod, const struct clod_polygon *p
   lod_bezier_set_centre(net);
 }
 
+/* A fitted centre that folds the patch goes back towards where the edges alone would have it. */
+static void unfold(struct lod_bezier *net, struct lod_vec3 plain) {
+  static const double kShares[] = {1, 0.5, 0};
+  struct lod_vec3 fitted = net->p[LOD_BEZIER_CENTRE];
+  for (int i = 0; i < 3; i++) {
+    net->p[LOD_BEZIER_CENTRE] = lod_vec3_add_scaled(plain, lod_vec3_subtract(fitted, plain), kShares[i]);
+    if (lod_bezier_is_regular(net))
+      return;
+  }
+  net->p[LOD_BEZIER_CENTRE] = fitted;
+}
+
 static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, double limit) {
   hole->bound = 0;
   for (uint32_t h = 0; h < hole->half_count && hole->bound <= limit; h++)
@@ -184,6 +196,7 @@ static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, dou
         net->p[LOD_BEZIER_CENTRE] = guess;
         clod_fit_centre(clod, net, nodes, node_count, cells, cell_count);
       }
+      unfold(net, guess);
       hole->bounds[h][i] = clod_patch_bound(clod, net, nodes, cells, cell_count, limit);
       hole->bound = fmax(hole->bound, hole->bounds[h][i]);
     }
@@ -204,12 +217,6 @@ static bool folds_over(const struct lod_bezier *a, uint32_t k, const struct lod_
     if (lod_vec3_dot(side_normal(a, k, i / 4.0), side_normal(b, l, 1 - i / 4.0)) < 0)
       return true;
   return false;
-}
-
-static bool is_regular(const struct lod_bezier *net) {
-  struct lod_vec3 axis;
-  double sine;
-  return lod_bezier_normal_cone(net, &axis, &sine);
 }
 
 /* The net across side `name` of a polygon's triangle i, *l its side; false where the surface is sharp there, or ends. */
@@ -240,13 +247,13 @@ static bool net_across(const struct lod_clod *clod, const struct clod_hole *hole
 }
 
 /* What would replace the hole has a patch that is folded, or folds over a neighbour, and the hole had less of that. A patch is not folded
- * when all its normals lie in a cone, which the products of its derivatives' control vectors prove. */
+ * when lod_bezier_is_regular proves it. */
 static bool makes_folds(const struct lod_clod *clod, const struct clod_hole *hole) {
   uint32_t before = 0, after = 0;
   for (uint32_t h = 0; h < hole->half_count; h++)
     for (uint32_t i = 0; i < hole->halves[h].triangle_count; i++) {
       const struct lod_bezier *net = &hole->nets[h][i];
-      after += !is_regular(net);
+      after += !lod_bezier_is_regular(net);
       for (uint32_t k = 0; k < 3; k++) {
         struct lod_bezier other;
         uint32_t l;
@@ -259,7 +266,7 @@ static bool makes_folds(const struct lod_clod *clod, const struct clod_hole *hol
     for (uint32_t s = 0; s < hole->halves[h].old_count; s++) {
       uint32_t p = hole->halves[h].old[s] / 3;
       struct lod_bezier net = clod_net(clod, &clod->patches[p]);
-      before += !is_regular(&net);
+      before += !lod_bezier_is_regular(&net);
       for (uint32_t k = 0; k < 3; k++) {
         uint32_t across = clod_across(clod, 3 * p + k);
         if (across == LOD_NONE || (clod->edges[clod->patches[p].sides[k] >> 1].flags & CLOD_SHARP) != 0)

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "core/base/parallel.h"
+#include "core/clod/evaluate.h"
 
 /* ---- static tessellation ---- */
 
@@ -20,30 +21,42 @@ struct job {
   uint32_t *pattern_of;  /* patch -> cache entry */
   uint32_t *edge_begin;  /* first vertex inside an edge */
   uint32_t *patch_begin; /* first vertex inside a patch */
+  /* Of wedges: their normals are laid out as vertices are, corners first, then edges, then insides. */
+  uint32_t (*users)[2];      /* edge -> 3 * patch + side along and against it */
+  uint32_t (*edge_wedge)[2]; /* first wedge inside an edge, of either user */
+  uint32_t (*corner_wedge)[3];
+  uint32_t inside_wedges; /* added to an inside vertex's number: its wedge */
 };
 
-static struct lod_bezier_curve edge_curve(const struct lod_patches *patches, uint32_t e) {
-  return (struct lod_bezier_curve){
-      {patches->positions[patches->ends[e][0]], patches->inner[e][0], patches->inner[e][1], patches->positions[patches->ends[e][1]]}};
+/* Points are summed in float, less a corner, when that takes no more of the tolerance than this. */
+static const double kRoundingShare = 0.1;
+
+/* What float sums may be off, as lod_evaluator_init has it; 0 when the patch is evaluated in double. */
+static double rounding_of(const struct job *job, const struct lod_bezier *net) {
+  double rounding = lod_evaluator_rounding(net);
+  return rounding <= kRoundingShare * job->settings->tolerance ? rounding : 0;
 }
 
 static enum lod_status choose_pattern(struct job *job, uint32_t p, double *deviation) {
   const struct lod_patches *patches = job->patches;
   struct lod_bezier net = lod_patches_net(patches, p);
+  double rounding = rounding_of(job, &net);
   uint32_t factors[3];
   for (uint32_t k = 0; k < 3; k++)
     factors[k] = job->result->factors[patches->edges[p][k] >> 1];
-  return lod_pattern_choose(&job->cache, &net, factors, job->settings->tolerance, false, &job->result->grids[p], &job->pattern_of[p],
-                            deviation);
+  LOD_TRY(lod_pattern_choose(&job->cache, &net, factors, job->settings->tolerance - rounding, &job->result->grids[p], &job->pattern_of[p],
+                             deviation));
+  *deviation += rounding;
+  return LOD_OK;
 }
 
 static enum lod_status choose_all(struct job *job) {
   const struct lod_patches *patches = job->patches;
   struct lod_tessellation *result = job->result;
   for (uint32_t e = 0; e < patches->edge_count; e++) {
-    struct lod_bezier_curve curve = edge_curve(patches, e);
+    struct lod_bezier_curve curve = lod_patches_edge(patches, e);
     /* A little finer than the tolerance asks for, so that the ring beside it can meet the tolerance with a grid of finite fineness. */
-    result->factors[e] = lod_bezier_curve_segments(&curve, 0.8 * job->settings->tolerance, LOD_TESSELLATE_MOST);
+    result->factors[e] = lod_pattern_step(lod_bezier_curve_segments(&curve, 0.8 * job->settings->tolerance, LOD_TESSELLATE_MOST));
   }
   result->deviation = 0;
   for (uint32_t p = 0; p < patches->patch_count; p++) {
@@ -86,50 +99,81 @@ static enum lod_status count_all(struct job *job, struct lod_arena *arena, struc
   return ok ? LOD_OK : lod_fail_memory(problem);
 }
 
-/* Vertex of the mesh for a vertex of patch p's pattern. */
-static uint32_t global_vertex(const struct job *job, uint32_t p, uint32_t local) {
-  const struct lod_tessellation_pattern *pattern = &job->cache.entries[job->pattern_of[p]].pattern;
-  if (local < 3)
-    return job->patches->corners[p][local];
-  if (local >= pattern->inner_vertices)
-    return job->patch_begin[p] + local - pattern->inner_vertices;
-  uint32_t k = local >= pattern->edge_vertices[2] ? 2 : local >= pattern->edge_vertices[1] ? 1 : 0;
-  uint32_t side = job->patches->edges[p][k], i = local - pattern->edge_vertices[k];
-  uint32_t factor = job->result->factors[side >> 1];
-  return job->edge_begin[side >> 1] + ((side & 1) ? factor - 2 - i : i);
-}
-
 static void fill_edges(const struct job *job) {
   const struct lod_patches *patches = job->patches;
   float(*positions)[3] = job->result->mesh.positions;
   for (uint32_t v = 0; v < patches->vertex_count; v++)
     lod_vec3_to_float(patches->positions[v], positions[v]);
-  for (uint32_t e = 0; e < patches->edge_count; e++) {
-    struct lod_bezier_curve curve = edge_curve(patches, e);
-    uint32_t factor = job->result->factors[e];
-    for (uint32_t i = 1; i < factor; i++)
-      lod_vec3_to_float(lod_bezier_curve_point(&curve, (double)i / factor), positions[job->edge_begin[e] + i - 1]);
+  for (uint32_t e = 0; e < patches->edge_count; e++)
+    lod_evaluate_edge(patches, e, job->result->factors[e], positions + job->edge_begin[e]);
+}
+
+/* Numbers of the vertices of patch p's pattern that are not inside, and of their wedges (NULL = not wanted). */
+static void gather_outer(const struct job *job, uint32_t p, const struct lod_tessellation_pattern *pattern, uint32_t *vertices,
+                         uint32_t *wedges) {
+  const struct lod_patches *patches = job->patches;
+  for (uint32_t k = 0; k < 3; k++) {
+    uint32_t side = patches->edges[p][k], e = side >> 1, against = side & 1, count = job->result->factors[e] - 1;
+    uint32_t *out = vertices + pattern->edge_vertices[k], first = job->edge_begin[e];
+    vertices[k] = patches->corners[p][k];
+    for (uint32_t i = 0; i < count; i++)
+      out[i] = first + (against ? count - 1 - i : i);
+    if (wedges == NULL)
+      continue;
+    wedges[k] = job->corner_wedge[p][k];
+    out = wedges + pattern->edge_vertices[k];
+    first = job->edge_wedge[e][against];
+    for (uint32_t i = 0; i < count; i++)
+      out[i] = first + (against ? count - 1 - i : i);
   }
+}
+
+static void fill_points(const struct job *job, uint32_t p, const struct lod_tessellation_pattern *pattern) {
+  struct lod_mesh *mesh = &job->result->mesh;
+  struct lod_bezier net = lod_patches_net(job->patches, p);
+  float(*positions)[3] = mesh->positions + job->patch_begin[p];
+  float(*normals)[3] = mesh->normals == NULL ? NULL : mesh->normals + job->inside_wedges + job->patch_begin[p];
+  uint32_t m = job->result->grids[p];
+  if (m < 3)
+    return;
+  lod_evaluate_inside(job->patches, p, &net, pattern, &job->cache.grids[m], LOD_SMOOTH_SHADED, positions, normals);
+  if (rounding_of(job, &net) == 0)
+    for (uint32_t v = pattern->inner_vertices; v < pattern->vertex_count; v++)
+      lod_vec3_to_float(lod_bezier_point(&net, pattern->domain[v]), positions[v - pattern->inner_vertices]);
+}
+
+/* Triangles of a pattern with numbers of vertices, or of wedges. inside: of the first inside vertex. */
+static void fill_triangles(const struct lod_tessellation_pattern *pattern, uint32_t grid, const uint32_t *outer, uint32_t inside,
+                           uint32_t (*out)[3]) {
+  inside -= pattern->inner_vertices;
+  for (uint32_t t = 0; t < grid; t++)
+    for (int k = 0; k < 3; k++)
+      out[t][k] = pattern->triangles[t][k] + inside;
+  for (uint32_t t = grid; t < pattern->triangle_count; t++)
+    for (int k = 0; k < 3; k++) {
+      uint32_t v = pattern->triangles[t][k];
+      out[t][k] = v < pattern->inner_vertices ? outer[v] : v + inside;
+    }
 }
 
 static void fill_patch(const struct job *job, uint32_t p) {
   const struct lod_patches *patches = job->patches;
   struct lod_tessellation *result = job->result;
+  struct lod_mesh *mesh = &result->mesh;
   const struct lod_tessellation_pattern *pattern = &job->cache.entries[job->pattern_of[p]].pattern;
-  struct lod_bezier net = lod_patches_net(patches, p);
-  float(*positions)[3] = result->mesh.positions + job->patch_begin[p];
-  for (uint32_t v = pattern->inner_vertices; v < pattern->vertex_count; v++)
-    lod_vec3_to_float(lod_bezier_point(&net, pattern->domain[v]), positions[v - pattern->inner_vertices]);
+  uint32_t vertices[3 * LOD_TESSELLATE_MOST], wedges[3 * LOD_TESSELLATE_MOST], m = result->grids[p], grid = m < 3 ? 0 : (m - 3) * (m - 3);
   uint32_t begin = result->triangle_begin[p];
-  for (uint32_t t = 0; t < pattern->triangle_count; t++) {
-    for (int k = 0; k < 3; k++)
-      result->mesh.triangles[begin + t][k] = global_vertex(job, p, pattern->triangles[t][k]);
+  fill_points(job, p, pattern);
+  gather_outer(job, p, pattern, vertices, mesh->normals == NULL ? NULL : wedges);
+  fill_triangles(pattern, grid, vertices, job->patch_begin[p], mesh->triangles + begin);
+  if (mesh->normals != NULL)
+    fill_triangles(pattern, grid, wedges, job->inside_wedges + job->patch_begin[p], mesh->corners + begin);
+  for (uint32_t t = 0; t < pattern->triangle_count; t++)
     result->patches[begin + t] = p;
-    if (result->mesh.materials != NULL)
-      result->mesh.materials[begin + t] = patches->materials[p];
-    if (result->mesh.parts != NULL)
-      result->mesh.parts[begin + t] = patches->parts[p];
-  }
+  for (uint32_t t = 0; mesh->materials != NULL && t < pattern->triangle_count; t++)
+    mesh->materials[begin + t] = patches->materials[p];
+  for (uint32_t t = 0; mesh->parts != NULL && t < pattern->triangle_count; t++)
+    mesh->parts[begin + t] = patches->parts[p];
 }
 
 static void patch_chunk(void *context, size_t begin, size_t end, size_t chunk) {
@@ -138,61 +182,82 @@ static void patch_chunk(void *context, size_t begin, size_t end, size_t chunk) {
     fill_patch(context, (uint32_t)p);
 }
 
-/* Wedges: a corner has one for each of its normals (and one a patch where it has none), a vertex inside an edge one, or one a patch where
- * the edge is sharp, an inside vertex one. Normals at smooth edges are the mean of both patches'. */
-static enum lod_status add_normals(const struct job *job, struct lod_arena *arena) {
+static void add_wedge(struct lod_mesh *mesh, uint32_t vertex, struct lod_vec3 normal) {
+  if (!(lod_vec3_length_squared(normal) > 0.5))
+    normal = (struct lod_vec3){0, 0, 1};
+  mesh->wedge_vertex[mesh->wedge_count] = vertex;
+  lod_vec3_to_float(normal, mesh->normals[mesh->wedge_count++]);
+}
+
+/* One for each normal of a corner, one a patch where it has none. */
+static enum lod_status add_corner_wedges(struct job *job, struct lod_arena *scratch) {
   const struct lod_patches *patches = job->patches;
   struct lod_mesh *mesh = &job->result->mesh;
-  size_t room = (size_t)mesh->vertex_count + patches->normal_count;
+  uint32_t *of_normal = LOD_NEW(scratch, patches->normal_count, uint32_t);
+  if (of_normal == NULL)
+    return LOD_MEMORY;
+  memset(of_normal, 0xff, patches->normal_count * sizeof *of_normal);
+  for (uint32_t p = 0; p < patches->patch_count; p++)
+    for (uint32_t k = 0; k < 3; k++) {
+      uint32_t sector = patches->sectors[p][k];
+      if (sector != LOD_NONE && of_normal[sector] != LOD_NONE) {
+        job->corner_wedge[p][k] = of_normal[sector];
+        continue;
+      }
+      job->corner_wedge[p][k] = mesh->wedge_count;
+      if (sector != LOD_NONE)
+        of_normal[sector] = mesh->wedge_count;
+      add_wedge(mesh, patches->corners[p][k], lod_evaluate_corner_normal(patches, p, k));
+    }
+  return LOD_OK;
+}
+
+/* One a vertex, or one a patch where the edge is sharp. Normals at smooth edges are the mean of both patches'. */
+static void add_edge_wedges(struct job *job) {
+  const struct lod_patches *patches = job->patches;
+  struct lod_mesh *mesh = &job->result->mesh;
+  for (uint32_t e = 0; e < patches->edge_count; e++) {
+    uint32_t count = job->result->factors[e] - 1;
+    float(*normals[2])[3] = {NULL, NULL};
+    for (uint32_t side = 0; side < 2; side++) {
+      bool own = side == 0 || (patches->sharp[e] && job->users[e][0] != LOD_NONE && job->users[e][1] != LOD_NONE);
+      job->edge_wedge[e][side] = own ? mesh->wedge_count : job->edge_wedge[e][0];
+      normals[side] = mesh->normals + job->edge_wedge[e][side];
+      for (uint32_t i = 0; own && i < count; i++)
+        mesh->wedge_vertex[mesh->wedge_count++] = job->edge_begin[e] + i;
+    }
+    if (count > 0)
+      lod_evaluate_edge_normals(patches, e, job->users[e], count + 1, LOD_SMOOTH_SHADED, normals);
+  }
+}
+
+/* Room for all wedges, normals of corners and of edges; those inside are filled with the points. */
+static enum lod_status add_wedges(struct job *job, struct lod_arena *arena, struct lod_arena *scratch) {
+  const struct lod_patches *patches = job->patches;
+  struct lod_mesh *mesh = &job->result->mesh;
+  size_t room = (size_t)mesh->vertex_count + 3 * (size_t)patches->patch_count;
   for (uint32_t e = 0; e < patches->edge_count; e++)
-    room += patches->sharp[e] ? job->result->factors[e] : 0;
-  room += 3 * (size_t)patches->patch_count;
+    room += patches->sharp[e] ? job->result->factors[e] - 1 : 0;
   mesh->normals = lod_arena_alloc(arena, room, sizeof *mesh->normals);
   mesh->wedge_vertex = LOD_NEW(arena, room, uint32_t);
   mesh->corners = lod_arena_alloc(arena, mesh->triangle_count, sizeof *mesh->corners);
-  uint32_t largest = 0;
-  for (uint32_t e = 0; e < job->cache.count; e++)
-    largest = job->cache.entries[e].pattern.vertex_count > largest ? job->cache.entries[e].pattern.vertex_count : largest;
-  uint32_t *wedge = LOD_NEW(arena, largest, uint32_t);
-  /* Wedge of each vertex that is not a corner (first user), and of each normal. */
-  uint32_t *of_vertex = LOD_NEW(arena, mesh->vertex_count, uint32_t), *of_normal = LOD_NEW(arena, patches->normal_count, uint32_t);
-  if (mesh->normals == NULL || mesh->wedge_vertex == NULL || mesh->corners == NULL || wedge == NULL || of_vertex == NULL ||
-      of_normal == NULL)
+  job->users = lod_arena_alloc(scratch, patches->edge_count, sizeof *job->users);
+  job->edge_wedge = lod_arena_alloc(scratch, patches->edge_count, sizeof *job->edge_wedge);
+  job->corner_wedge = lod_arena_alloc(scratch, patches->patch_count, sizeof *job->corner_wedge);
+  if (mesh->normals == NULL || mesh->wedge_vertex == NULL || mesh->corners == NULL || job->users == NULL || job->edge_wedge == NULL ||
+      job->corner_wedge == NULL)
     return LOD_MEMORY;
-  memset(of_vertex, 0xff, mesh->vertex_count * sizeof *of_vertex);
-  memset(of_normal, 0xff, patches->normal_count * sizeof *of_normal);
+  memset(job->users, 0xff, patches->edge_count * sizeof *job->users);
+  for (uint32_t p = 0; p < patches->patch_count; p++)
+    for (uint32_t k = 0; k < 3; k++)
+      job->users[patches->edges[p][k] >> 1][patches->edges[p][k] & 1] = 3 * p + k;
   mesh->wedge_count = 0;
-  for (uint32_t p = 0; p < patches->patch_count; p++) {
-    const struct lod_tessellation_pattern *pattern = &job->cache.entries[job->pattern_of[p]].pattern;
-    struct lod_bezier net = lod_patches_net(patches, p);
-    for (uint32_t v = 0; v < pattern->vertex_count; v++) {
-      uint32_t vertex = global_vertex(job, p, v), sector = v < 3 ? patches->sectors[p][v] : LOD_NONE;
-      bool sharp = v < 3;
-      if (v >= 3 && v < pattern->inner_vertices) {
-        uint32_t k = v >= pattern->edge_vertices[2] ? 2 : v >= pattern->edge_vertices[1] ? 1 : 0;
-        sharp = patches->sharp[patches->edges[p][k] >> 1];
-      }
-      uint32_t *known = sector != LOD_NONE ? &of_normal[sector] : sharp ? NULL : &of_vertex[vertex];
-      struct lod_vec3 normal = sector != LOD_NONE ? patches->normals[sector] : lod_bezier_normal(&net, pattern->domain[v]);
-      if (known != NULL && *known != LOD_NONE) {
-        wedge[v] = *known;
-        if (sector == LOD_NONE)
-          normal = lod_vec3_normalize(lod_vec3_add(lod_vec3_from_float(mesh->normals[*known]), normal));
-      } else {
-        wedge[v] = mesh->wedge_count++;
-        if (known != NULL)
-          *known = wedge[v];
-      }
-      mesh->wedge_vertex[wedge[v]] = vertex;
-      if (!(lod_vec3_length_squared(normal) > 0.5))
-        normal = (struct lod_vec3){0, 0, 1};
-      lod_vec3_to_float(normal, mesh->normals[wedge[v]]);
-    }
-    uint32_t begin = job->result->triangle_begin[p];
-    for (uint32_t t = 0; t < pattern->triangle_count; t++)
-      for (int k = 0; k < 3; k++)
-        mesh->corners[begin + t][k] = wedge[pattern->triangles[t][k]];
-  }
+  LOD_TRY(add_corner_wedges(job, scratch));
+  add_edge_wedges(job);
+  uint32_t first = patches->patch_count == 0 ? mesh->vertex_count : job->patch_begin[0];
+  job->inside_wedges = mesh->wedge_count - first;
+  for (uint32_t v = first; v < mesh->vertex_count; v++)
+    mesh->wedge_vertex[mesh->wedge_count++] = v;
   return LOD_OK;
 }
 
@@ -218,10 +283,11 @@ enum lod_status lod_tessellate(const struct lod_patches *patches, const struct l
     status = count_all(&job, arena, problem);
   if (status == LOD_OK) {
     fill_edges(&job);
-    lod_parallel_for(settings->threads, patches->patch_count, 256, patch_chunk, &job);
     if (settings->normals)
-      status = add_normals(&job, arena);
+      status = add_wedges(&job, arena, scratch);
   }
+  if (status == LOD_OK)
+    lod_parallel_for(settings->threads, patches->patch_count, 256, patch_chunk, &job);
   lod_arena_destroy(scratch);
   return status == LOD_MEMORY ? lod_fail_memory(problem) : status;
 }

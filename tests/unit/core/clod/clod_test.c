@@ -263,14 +263,12 @@ static void a_mesh_without_triangles_gives_nothing(void **state) {
   assert_int_equal(extract(clod, 0, NULL).patch_count, 0);
 }
 
-/* Patches whose normals lie in no cone, and smooth edges whose patches turn back on one another. */
+/* Patches that are not proven regular, and smooth edges whose patches turn back on one another. */
 static uint32_t count_folds(const struct lod_patches *patches) {
   uint32_t folds = 0;
   for (uint32_t p = 0; p < patches->patch_count; p++) {
     struct lod_bezier net = lod_patches_net(patches, p);
-    struct lod_vec3 axis;
-    double sine;
-    folds += !lod_bezier_normal_cone(&net, &axis, &sine);
+    folds += !lod_bezier_is_regular(&net);
     for (uint32_t k = 0; k < 3; k++) {
       uint32_t other = patches->partners[p][k], side = patches->edges[p][k];
       if (other == LOD_NONE || other < 3 * p || patches->sharp[side >> 1])

@@ -331,6 +331,34 @@ static void the_cone_holds_all_normals(void **state) {
   assert_true(found > 100);
 }
 
+/* Regular patches turn nowhere by more than a little from one sample to the next; folded ones are never called regular. */
+static void folds_are_never_called_regular(void **state) {
+  (void)state;
+  int found = 0, beyond_cone = 0, turned = 0;
+  for (int round = 0; round < 400; round++) {
+    struct lod_bezier patch = random_patch(round % 2 == 0 ? 0.15 : 0.5);
+    bool regular = lod_bezier_is_regular(&patch), turns = false;
+    struct lod_vec3 axis, before = {0, 0, 0};
+    double sine;
+    for (int i = 0; i <= 32; i++)
+      for (int j = 0; i + j <= 32; j++) {
+        struct lod_barycentric at = {(32 - i - j) / 32.0, i / 32.0, j / 32.0};
+        struct lod_vec3 dv, dw, normal;
+        lod_bezier_derivatives(&patch, at, &dv, &dw);
+        normal = lod_vec3_cross(dv, dw);
+        /* Along a row the normal is continuous: where it jumps over a right angle it was near zero, which a cone of a part excludes. */
+        turns = turns || (j > 0 && lod_vec3_dot(normal, before) < -0.9 * lod_vec3_length(normal) * lod_vec3_length(before));
+        before = normal;
+      }
+    found += regular;
+    turned += turns;
+    beyond_cone += regular && !lod_bezier_normal_cone(&patch, &axis, &sine);
+    assert_false(regular && turns);
+    assert_true(regular || !lod_bezier_normal_cone(&patch, &axis, &sine));
+  }
+  assert_true(found > 100 && beyond_cone > 10 && turned > 10);
+}
+
 /* The same points four at a time, and one by one. */
 static void grids_are_evaluated_within_their_rounding(void **state) {
   (void)state;
@@ -432,6 +460,7 @@ int main(void) {
       cmocka_unit_test(there_are_no_facets_at_any_zoom),
       cmocka_unit_test(halving_leaves_the_surface_and_opens_no_crack),
       cmocka_unit_test(the_cone_holds_all_normals),
+      cmocka_unit_test(folds_are_never_called_regular),
       cmocka_unit_test(grids_are_evaluated_within_their_rounding),
       cmocka_unit_test(strict_patches_have_one_tangent_plane_along_edges),
       cmocka_unit_test(strict_patches_are_drawn_and_stay_closed),

@@ -56,6 +56,29 @@ static void patterns_tile_the_domain(void **state) {
         }
 }
 
+/* What a pattern is chosen by, in float and from its own numbers, is never below the bound of each triangle in double. */
+static void quick_bounds_are_above_the_sharp_one(void **state) {
+  (void)state;
+  struct lod_pattern_cache cache;
+  assert_int_equal(lod_pattern_cache_init(&cache, arena), LOD_OK);
+  for (int i = 0; i < SAMPLED / 5; i++) {
+    struct lod_bezier net;
+    for (int k = 0; k < LOD_BEZIER_POINTS; k++) /* flat ones, long ones and any */
+      net.p[k] =
+          i % 3 == 2 ? random_point(1) : lod_vec3_add_scaled(random_point(i % 3 == 0 ? 0.01 : 1), (struct lod_vec3){0, 0, 1}, 100.0 * k);
+    uint32_t factors[3], m, number;
+    for (int k = 0; k < 3; k++)
+      factors[k] = lod_pattern_step(1 + 20 * lod_random_unit(&seed));
+    double deviation, tolerance = lod_bezier_deviation(&net, 1) * (0.002 + 0.1 * lod_random_unit(&seed));
+    assert_int_equal(lod_pattern_choose(&cache, &net, factors, tolerance, &m, &number, &deviation), LOD_OK);
+    const struct lod_tessellation_pattern *pattern = &cache.entries[number].pattern;
+    struct lod_bend bend = lod_bend_of(&net);
+    double sharp = lod_bend_deviation(&bend, pattern, m < 3 ? 0 : (m - 3) * (m - 3), pattern->triangle_count);
+    assert_true(sharp <= deviation);
+    assert_true(deviation <= tolerance || m == LOD_TESSELLATE_MOST);
+  }
+}
+
 /* One patch with its own three edges. */
 static struct lod_patches single(const struct lod_bezier *net) {
   struct lod_patches patches = {.vertex_count = 3, .edge_count = 3, .patch_count = 1};
@@ -228,6 +251,7 @@ static void wrong_patches_are_told(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(patterns_tile_the_domain),
+      cmocka_unit_test(quick_bounds_are_above_the_sharp_one),
       cmocka_unit_test(the_error_is_never_above_the_tolerance_and_not_far_below),
       cmocka_unit_test(neighbours_of_any_factors_leave_no_crack),
       cmocka_unit_test(degenerate_patches_are_cut_as_any_other),
