@@ -85,6 +85,15 @@ test('a manifest tells of its deltas', () => {
   assert.deepEqual(several.units.map((u) => [u.parts, u.instances?.length ?? null]), [[[1, 3], null], [[0], 2], [[2], 3]]);
 });
 
+test('a manifest tells what is proven of attributes', () => {
+  const level = (n, drift) => ({ level: n, triangles: 1, error: 1 / (n + 1), bytes: 10, object: `o${n}`, ...(drift ? { drift } : {}) });
+  const manifest = parseManifest({
+    id: 'm', revision: 'r', source: { bounds: { min: [0, 0, 0], max: [1, 1, 1] } },
+    families: { envelope: { levels: [level(0, { uv: 1, normal_degrees: 3, texels_bound: 4.5, uv_bound: 0.01, normal_degrees_bound: 10 }), level(1, { uv: 0, normal_degrees: 1 }), level(2)] } },
+  });
+  assert.deepEqual(manifest.families.get('envelope').levels.map((l) => l.attributes), [{ texels: 4.5, uv: 0.01, degrees: 10 }, null, null]);
+});
+
 test('the steps from a level that is on its way are waited for only where they are much less', async () => {
   const levels = [
     { family: 'f', level: 0, bytes: 1000, delta: { to: 1, bytes: 2000 } },

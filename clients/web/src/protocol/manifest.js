@@ -6,7 +6,7 @@ import { ProtocolError } from './problem.js';
  * @param {unknown} json what GET /v1/models/{id} answered
  * @returns {{id, revision, source, sphere: {center: number[], radius: number}, bounds, diagonal: number,
  *   units: geometries that are simplified by themselves, {parts: number[], instances: number[][]|null}[]; families: Map<string, {name, nested, levels: Level[]}>, warnings: string[], seconds: number|null}}
- *   Level: {family, level, vertices, triangles, edges, points, error, cell, patches, bytes, object, type, delta: {to, bytes, object, units: {units, first, bytes, object}|null}|null}; level 0 is the
+ *   Level: {family, level, vertices, triangles, edges, points, error, cell, patches, attributes: {texels, uv, degrees}|null, bytes, object, type, delta: {to, bytes, object, units: {units, first, bytes, object}|null}|null}; level 0 is the
  *   coarsest; delta: the step to a finer level, units: the same in parts
  */
 export function parseManifest(json) {
@@ -82,11 +82,18 @@ function parseLevel(family, level, index) {
     error: number(level.error, `${path}.error`),
     cell: finite(level.cell) ?? 0,
     patches: finite(level.patches?.patches) ?? 0,
+    attributes: parseAttributes(level.drift),
     bytes: number(level.bytes, `${path}.bytes`),
     object: text(level.object, `${path}.object`),
     type: level.type ?? 'model/gltf-binary',
     delta: level.delta ? parseDelta(level.delta, `${path}.delta`) : null,
   };
+}
+
+/** How far textures and normals are proven to stay at most; null where nothing is. */
+function parseAttributes(drift) {
+  const texels = finite(drift?.texels_bound) ?? null, uv = finite(drift?.uv_bound) ?? null, degrees = finite(drift?.normal_degrees_bound) ?? null;
+  return texels === null && uv === null && degrees === null ? null : { texels, uv, degrees };
 }
 
 function parseDelta(delta, path) {

@@ -4,7 +4,7 @@ import { errorPixels, errorUnits, unitsPerPixel } from '../protocol/index.js';
 import { Client, FrameBudget, MotionMeter, motionFactor, scheduleLevels } from '../stream/index.js';
 import { makeDraco } from '../three/index.js';
 import { Chart } from './chart.js';
-import { formatBytes, formatCount, formatPixels, formatUnits } from './format.js';
+import { formatAttributes, formatBytes, formatCount, formatPixels, formatUnits } from './format.js';
 import { formatFragment, parseFragment } from './location.js';
 import { Messages } from './messages.js';
 import { ModelList } from './models.js';
@@ -330,6 +330,9 @@ class App {
     const own = session.manifest.families.get(level.family).levels;
     set('hud-level', `${level.level} of ${own.length - 1}${this.view.shown?.transient ? ', finer in part' : ''}`, level.level);
     set('hud-family', session.stream.pinned ? `${level.family}, held` : level.family, level.family);
+    const attributes = formatAttributes(level.attributes);
+    set('attributes', attributes, attributes);
+    $('attributes').hidden = !attributes;
     $('unpin').hidden = session.stream.pinned === null;
     const limit = this.state.rule === 'cell' ? null : errorUnits(this.state.px, this.lastView);
     this.chart.trace(session.trail);

@@ -34,6 +34,18 @@ export function formatPixels(px) {
   return formatUnits(px);
 }
 
+/** "Textures within 29.3 texels, normals within 60°" of what is proven of a level's attributes; "" when nothing is. */
+export function formatAttributes(attributes) {
+  if (!attributes) return '';
+  const { texels, uv, degrees } = attributes;
+  const up = (value) => String(Math.ceil(value * 10 - 1e-9) / 10);
+  const words = [
+    texels !== null ? `textures within ${up(texels)} texels` : uv !== null ? `textures within ${formatUnits(uv)} of UV` : '',
+    degrees !== null ? `normals within ${up(degrees)}°` : '',
+  ].filter(Boolean).join(', ');
+  return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
 function significant(value, figures) {
   return String(Number(value.toPrecision(figures)));
 }
