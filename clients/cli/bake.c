@@ -167,8 +167,11 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
     request->retile_options[request->retile_option_count++] = value;
   } else if (strcmp(option->name, "envelope") == 0) {
     struct lod_envelope_options ignored = lod_envelope_options_defaults();
-    if (request->envelope_option_count == LOD_BAKE_MAX_LIST || lod_envelope_recipe_option(value, &ignored, NULL) != LOD_OK)
-      return cli_usage(&cli_bake, "--envelope %s: expected KEY=VALUE as listed under --help", value);
+    struct lod_problem problem = {0};
+    if (request->envelope_option_count == LOD_BAKE_MAX_LIST)
+      return cli_usage(&cli_bake, "--envelope was given more than %d times", LOD_BAKE_MAX_LIST);
+    if (lod_envelope_recipe_option(value, &ignored, &problem) != LOD_OK)
+      return cli_usage(&cli_bake, "--envelope %s", problem.detail);
     request->envelope_options[request->envelope_option_count++] = value;
   } else if (strcmp(option->name, "patches") == 0) {
     if (!parse_list(value, request->patches, &request->patches_count))

@@ -22,7 +22,8 @@ static bool set_word(struct lod_envelope_options *o, const char *key, const char
   return true;
 }
 
-static bool set_number(struct lod_envelope_options *o, const char *key, const char *value) {
+/* *most: INFINITY, or where the key is right and the value is not, the most that it may be. */
+static bool set_number(struct lod_envelope_options *o, const char *key, const char *value, double *most) {
   const struct {
     const char *name;
     double *number, most;
@@ -35,25 +36,31 @@ static bool set_number(struct lod_envelope_options *o, const char *key, const ch
   };
   char *end;
   double number = strtod(value, &end);
-  if (*value == '\0' || *end != '\0')
-    return false;
-  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
-    if (strcmp(key, numbers[i].name) == 0 && number >= 0 && number <= numbers[i].most) {
+  *most = INFINITY;
+  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
+    if (strcmp(key, numbers[i].name) != 0)
+      continue;
+    if (*value != '\0' && *end == '\0' && number >= 0 && number <= numbers[i].most) {
       *numbers[i].number = number;
       return true;
     }
+    *most = numbers[i].most;
+  }
   return false;
 }
 
 enum lod_status lod_envelope_recipe_option(const char *option, struct lod_envelope_options *options, struct lod_problem *problem) {
   const char *equals = strchr(option, '=');
   char key[32] = "";
+  double most = INFINITY;
   if (equals != NULL && (size_t)(equals - option) < sizeof key) {
     memcpy(key, option, (size_t)(equals - option));
     key[equals - option] = '\0';
-    if (set_word(options, key, equals + 1) || set_number(options, key, equals + 1))
+    if (set_word(options, key, equals + 1) || set_number(options, key, equals + 1, &most))
       return LOD_OK;
   }
+  if (most < INFINITY)
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-option", "%.80s: expected a number from 0 to %g.", option, most);
   return lod_fail(problem, LOD_BAD_INPUT, "bad-option",
                   "%.80s: envelope knows nested=0|1, guard=none|closed|all, rms=0...1, and 0 or more of texels, slip, degrees, color.",
                   option);

@@ -134,8 +134,12 @@ test('envelope levels that nest come with steps between them, and its options ar
   assert.equal(made.status, 0, made.stderr);
   const [stepped, direct] = [await facts('inspect', 'step.ply'), await facts('inspect', levelPath('nested', levels[k + 1]))];
   assert.equal(stepped.triangles, direct.triangles);
-  for (const option of ['nested=2', 'texels=-1', 'degrees=181', 'rms=', 'depth=3', 'nested'])
-    assert.equal((await lodestream('bake', model, '-o', 'wrong', '--family', 'envelope', '--envelope', option)).status, USAGE, option);
+  for (const [option, words] of [['nested=2', /knows nested=0\|1/], ['texels=-1', /texels=-1: expected a number from 0 to 1e\+09/], ['degrees=181', /degrees=181: expected a number from 0 to 180/],
+    ['rms=', /rms=: expected a number from 0 to 1\b/], ['depth=3', /depth=3: envelope knows/], ['nested', /nested: envelope knows/]]) {
+    const { status, stderr } = await lodestream('bake', model, '-o', 'wrong', '--family', 'envelope', '--envelope', option);
+    assert.equal(status, USAGE, option);
+    assert.match(stderr, words);
+  }
 });
 
 test('every command explains itself and says its version', async () => {
