@@ -325,6 +325,15 @@ static enum lod_status transform_positions(struct join *join, const struct lod_s
   return LOD_OK;
 }
 
+/* A vertex's own epsilon is as long as its part's lengths are: it grows with them. */
+static void transform_limits(const struct lod_scene_part *part, float *out) {
+  const float stretch = (float)lod_matrix_stretch(part->instances[0]);
+  for (uint32_t v = 0; v < part->mesh.vertex_count; v++) {
+    float limit = part->mesh.limits ? part->mesh.limits[v] : INFINITY;
+    out[v] = limit < INFINITY ? limit * stretch : INFINITY;
+  }
+}
+
 static double determinant(const double m[16]) {
   return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[4] * (m[1] * m[10] - m[2] * m[9]) + m[8] * (m[1] * m[6] - m[2] * m[5]);
 }
@@ -487,8 +496,8 @@ static enum lod_status join_parts(struct lod_scene *scene, const uint32_t *numbe
   for (uint32_t i = 0; i < count; i++) {
     const struct lod_scene_part *part = &parts[numbers[i]];
     LOD_TRY(transform_positions(join, part, mesh->positions + vertex));
-    for (uint32_t v = 0; mesh->limits && v < part->mesh.vertex_count; v++)
-      mesh->limits[vertex + v] = part->mesh.limits ? part->mesh.limits[v] : INFINITY;
+    if (mesh->limits)
+      transform_limits(part, mesh->limits + vertex);
     if (mesh->wedge_count > 0)
       fill_wedges(mesh, part, vertex, wedge);
     fill_triangles(mesh, part, numbers[i], vertex, wedge, triangle);

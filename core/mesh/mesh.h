@@ -32,8 +32,8 @@ struct lod_mesh {
   uint32_t (*corners)[3];   /* triangle_count; wedge indices; NULL when wedge_count is 0 */
   uint32_t *wedge_vertex;   /* wedge_count; the vertex that a wedge belongs to; NULL when wedge_count is 0 */
 
-  /* vertex_count; how far a level may be from the source here, model units (0 = not at all, INFINITY = as far as anywhere), linear in
-   * between: what a file's vertices say for themselves (Varshney 1995, epsilon by region); or NULL. Levels have none. */
+  /* vertex_count; how far a level may be from the source here, in units of `positions` (0 = not at all, INFINITY = as far as anywhere),
+   * linear in between: what a file's vertices say for themselves (Varshney 1995, epsilon by region); or NULL. Levels have none. */
   float *limits;
 
   float (*normals)[3];          /* wedge_count, unit length; or NULL */

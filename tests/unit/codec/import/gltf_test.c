@@ -154,6 +154,35 @@ static void an_interest_of_the_model_travels_as_alpha_of_what_is_opaque(void **s
   test_import_end(&i);
 }
 
+static void an_epsilon_of_the_model_grows_with_its_node(void **state) {
+  (void)state;
+  static const struct { float positions[3][3], epsilon[3]; } kLimits = {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {0.25f, 0, 3}};
+  for (int scaled = 0; scaled < 2; scaled++) {
+    char json[1024];
+    snprintf(json, sizeof json,
+             "{" ASSET
+             ",\"buffers\":[{\"byteLength\":48}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":0,\"byteOffset\":36,"
+             "\"byteLength\":12}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":1,"
+             "\"componentType\":5126,\"count\":3,\"type\":\"SCALAR\"}],\"nodes\":[{\"mesh\":0%s}]," SCENE ","
+             "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"_EPSILON\":1}}]}]}",
+             scaled ? ",\"scale\":[2,2,2]" : "");
+    struct test_import i = test_import_glb(json, &kLimits, sizeof kLimits);
+    test_expect_ok(&i);
+    const struct lod_mesh *mesh = &i.model.units[0].mesh;
+    assert_non_null(mesh->limits);
+    for (int c = 0; c < 3; c++) {
+      uint32_t v = mesh->triangles[0][c];
+      int corner = mesh->positions[v][0] > 0 ? 1 : mesh->positions[v][1] > 0 ? 2 : 0;
+      assert_true(mesh->limits[v] == kLimits.epsilon[corner] * (scaled ? 2 : 1));
+    }
+    test_import_end(&i);
+  }
+  struct test_import i = import_json("{" ASSET "," DATA "," NODE "," SCENE ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,"
+                                     "\"_EPSILON\":2},\"indices\":1}]}]}");
+  assert_int_equal(i.status, LOD_BAD_INPUT); /* no scalar */
+  test_import_end(&i);
+}
+
 static void strips_and_fans_unroll_and_lines_and_points_stay_free(void **state) {
   (void)state;
   static const float corners[4][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}};
@@ -482,6 +511,7 @@ int main(void) {
       cmocka_unit_test(a_mirrored_node_turns_triangles_over_and_keeps_normals_outside),
       cmocka_unit_test(a_mesh_under_two_nodes_is_one_part_with_two_instances_in_a_unit_of_its_own),
       cmocka_unit_test(an_interest_of_the_model_travels_as_alpha_of_what_is_opaque),
+      cmocka_unit_test(an_epsilon_of_the_model_grows_with_its_node),
       cmocka_unit_test(gpu_instancing_multiplies_instances),
       cmocka_unit_test(strips_and_fans_unroll_and_lines_and_points_stay_free),
       cmocka_unit_test(interleaved_quantised_positions_are_read_with_their_stride),
