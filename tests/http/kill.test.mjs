@@ -146,9 +146,10 @@ async function compare(agent, daemon, models) {
     const answer = await request(agent, daemon, 'GET', `/v1/models/${model.id}`);
     const manifest = answer.status === 200 ? JSON.parse(answer.body) : null;
     const found = manifest ? manifest.source.sha256 : null;
-    assert.ok(model.now.includes(found), `${model.id} is ${found}, acknowledged was one of ${model.now}`);
-    for (const { digest, location } of model.jobs) {
-      const job = JSON.parse((await request(agent, daemon, 'GET', location)).body);
+    const jobs = [];
+    for (const job of model.jobs) jobs.push({ ...job, job: JSON.parse((await request(agent, daemon, 'GET', job.location)).body) });
+    assert.ok(model.now.includes(found), `${model.id} is ${found}, acknowledged was one of ${model.now}; ${JSON.stringify(jobs)}`);
+    for (const { digest, job } of jobs) {
       assert.equal(job.id, model.id);
       if (digest === found) assert.equal(job.state, 'done', JSON.stringify(job));
       else assert.ok(job.state === 'done' || /cancelled|superseded/.test(job.problem.type), JSON.stringify(job));
