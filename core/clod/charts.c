@@ -23,6 +23,7 @@ struct maker {
   uint32_t *chain, chain_count, chain_room;
   uint32_t *twin;        /* 3 a chart: the other chart's side, or LOD_NONE */
   uint32_t *corner_sets; /* 3 a chart */
+  bool *fixed;           /* 3 a chart: the side meets others that do not match it, and stays as it is */
   bool suitable;
 };
 
@@ -145,6 +146,29 @@ static bool is_reverse(const struct maker *m, uint32_t a, uint32_t b) {
   return same;
 }
 
+/* A side is a border only where no other uses its vertices. Elsewhere more than two charts meet, or two that do not match: all of these
+ * sides stay the splines' own curves, which are the same, and so does the seam. */
+static enum lod_status find_fixed(struct maker *m) {
+  uint32_t count = 3 * m->charts->count;
+  uint32_t *uses = LOD_NEW_ZERO(m->scratch, m->mesh->vertex_count, uint32_t);
+  bool *odd = LOD_NEW_ZERO(m->scratch, m->mesh->vertex_count, bool);
+  m->fixed = LOD_NEW_ZERO(m->scratch, count, bool);
+  if (uses == NULL || odd == NULL || m->fixed == NULL)
+    return LOD_MEMORY;
+  for (uint32_t s = 0; s < count; s++)
+    for (uint32_t i = 1; i + 1 < m->sides[s].count; i++)
+      uses[m->chain[m->sides[s].begin + i]]++;
+  for (uint32_t s = 0; s < count; s++)
+    for (uint32_t i = 1; i + 1 < m->sides[s].count; i++) {
+      uint32_t v = m->chain[m->sides[s].begin + i];
+      odd[v] = odd[v] || uses[v] > (m->twin[s] == LOD_NONE ? 1 : 2);
+    }
+  for (uint32_t s = 0; s < count; s++)
+    for (uint32_t i = 1; i + 1 < m->sides[s].count; i++)
+      m->fixed[s] = m->fixed[s] || odd[m->chain[m->sides[s].begin + i]];
+  return LOD_OK;
+}
+
 static enum lod_status find_twins(struct maker *m) {
   uint32_t count = 3 * m->charts->count;
   struct key *keys = LOD_NEW(m->scratch, count, struct key);
@@ -163,15 +187,7 @@ static enum lod_status find_twins(struct maker *m) {
         m->twin[keys[i].side] = keys[j].side;
         m->twin[keys[j].side] = keys[i].side;
       }
-  /* What is left is a border only where no other side uses its vertices: else charts meet that do not match. */
-  uint32_t *uses = LOD_NEW_ZERO(m->scratch, m->mesh->vertex_count, uint32_t);
-  if (uses == NULL)
-    return LOD_MEMORY;
-  for (uint32_t s = 0; s < count; s++)
-    if (m->twin[s] == LOD_NONE)
-      for (uint32_t i = 1; i + 1 < m->sides[s].count; i++)
-        m->suitable = m->suitable && uses[m->chain[m->sides[s].begin + i]]++ == 0;
-  return LOD_OK;
+  return find_fixed(m);
 }
 
 /* ---- edges and sectors ---- */
@@ -200,6 +216,8 @@ static void add_edge(struct maker *m, uint32_t s) {
   struct clod_edge *edge = &clod->edges[number];
   bool sharp = twin == LOD_NONE || is_crease(m, s);
   *edge = (struct clod_edge){.users = {s, twin}, .flags = sharp ? CLOD_LINE | CLOD_SHARP : 0};
+  if (m->fixed[s])
+    edge->flags |= CLOD_LINE | CLOD_FIXED;
   edge->ends[0] = clod->patches[s / 3].corners[s % 3];
   edge->ends[1] = clod->patches[s / 3].corners[n % 3];
   edge->inner[0] = m->nets[s / 3].p[3 + 2 * (s % 3)];
@@ -246,7 +264,8 @@ static enum lod_status mark_removable(struct maker *m) {
     corners[clod->patches[h / 3].corners[h % 3]]++;
   for (uint32_t e = 0; e < clod->edge_count; e++)
     for (int i = 0; i < 2 && (clod->edges[e].flags & CLOD_LINE) != 0; i++)
-      lines[clod->edges[e].ends[i]] = lines[clod->edges[e].ends[i]] < 3 ? lines[clod->edges[e].ends[i]] + 1 : 3;
+      lines[clod->edges[e].ends[i]] =
+          (clod->edges[e].flags & CLOD_FIXED) != 0 || lines[clod->edges[e].ends[i]] >= 3 ? 3 : lines[clod->edges[e].ends[i]] + 1;
   for (uint32_t v = 0; v < clod->vertex_count; v++) {
     if (corners[v] == 0)
       continue;
@@ -273,7 +292,7 @@ static enum lod_status fit_edge(struct maker *m, uint32_t e) {
   struct clod_edge *edge = &m->clod->edges[e];
   struct side side = m->sides[edge->users[0]];
   const struct clod_patch *patch = &m->clod->patches[edge->users[0] / 3];
-  if (side.count < 4)
+  if (side.count < 4 || (edge->flags & CLOD_FIXED) != 0)
     return LOD_OK;
   double *t = LOD_NEW(m->scratch, side.count, double);
   struct lod_vec3 *samples = LOD_NEW(m->scratch, side.count, struct lod_vec3), inner[2] = {edge->inner[0], edge->inner[1]};

@@ -110,14 +110,12 @@ static uint64_t patches_of_all(const struct run *run) {
   return sum;
 }
 
-/* Splines are merged from their own patches, unless less error is asked for than these have: then from triangles. */
-static enum lod_status choose_model(const struct run *run, uint32_t u, double error) {
-  struct lod_clod_facts facts;
+/* Splines are merged from their own patches, the finest level being these: triangles, which only approximate them, would need many times as
+ * many patches for any error below. */
+static enum lod_status choose_model(const struct run *run, uint32_t u) {
   if (run->splines[u] != NULL) {
-    lod_clod_facts(run->splines[u], &facts);
     run->clods[u] = run->splines[u];
-    if (facts.error <= error)
-      return LOD_OK;
+    return LOD_OK;
   }
   if (run->polygons[u] == NULL)
     LOD_TRY(lod_clod_create(&run->units[u].mesh, NULL, run->arena, &run->polygons[u], run->problem));
@@ -143,7 +141,7 @@ static enum lod_status search_patterns(struct lod_clod *clod, uint32_t wanted, d
 /* Every unit down to its share of `patches` of `all`, or as far as `error` allows. */
 static enum lod_status simplify(const struct run *run, double share, double error) {
   for (uint32_t u = 0; u < run->unit_count; u++) {
-    LOD_TRY(choose_model(run, u, error / run->units[u].scale));
+    LOD_TRY(choose_model(run, u));
     uint32_t wanted = (uint32_t)fmax(0, floor(share * run->most[u] + 0.5));
     double own = error / run->units[u].scale;
     LOD_TRY(run->search ? search_patterns(run->clods[u], wanted, own, run->progress)

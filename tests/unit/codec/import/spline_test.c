@@ -264,6 +264,51 @@ static void charts_say_where_triangles_lie_on_their_patches(void **state) {
   test_import_end(&i);
 }
 
+/* Three pages that meet in a curved spine: no two of them are each other's neighbour, and yet the spine is one curve in every C-LOD. */
+static void pages_that_share_a_spine_stay_together(void **state) {
+  (void)state;
+  char text[8192] = "3\n";
+  size_t at = strlen(text);
+  for (int page = 0; page < 3; page++) {
+    at += (size_t)snprintf(text + at, sizeof text - at, "3 3\n");
+    for (int s = 0; s < 4; s++)
+      for (int t = 0; t < 4; t++)
+        at += (size_t)snprintf(text + at, sizeof text - at, "%.17g %.17g %d\n", t * cos(2.1 * page) + (s == 1 || s == 2 ? 0.5 : 0),
+                               t * sin(2.1 * page) + (t == 2 ? 0.3 * s : 0), s);
+  }
+  struct test_import i = import_text(text, "pages.bpt");
+  test_expect_ok(&i);
+  const struct lod_unit *unit = &i.model.units[0];
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_clod *clod;
+  struct lod_clod_facts facts;
+  struct lod_patches patches;
+  bool suitable;
+  assert_int_equal(lod_clod_create_charts(&unit->mesh, unit->charts, NULL, arena, &clod, &suitable, NULL), LOD_OK);
+  assert_true(suitable && lod_clod_check(clod));
+  for (uint32_t wanted = unit->charts->count;; wanted = 0) {
+    assert_int_equal(lod_clod_simplify(clod, wanted, INFINITY, NULL), LOD_OK);
+    assert_true(lod_clod_check(clod));
+    lod_clod_facts(clod, &facts);
+    assert_int_equal(lod_clod_extract(clod, facts.clod, arena, &patches, NULL), LOD_OK);
+    uint32_t met = 0;
+    for (uint32_t e = 0; e < patches.edge_count; e++)
+      for (uint32_t f = e + 1; f < patches.edge_count; f++)
+        for (int turn = 0; turn < 2; turn++)
+          if (patches.ends[e][0] == patches.ends[f][turn] && patches.ends[e][1] == patches.ends[f][1 - turn]) {
+            met++;
+            for (int k = 0; k < 2; k++)
+              assert_true(lod_vec3_distance(patches.inner[e][k], patches.inner[f][turn == 0 ? k : 1 - k]) == 0);
+          }
+    assert_true(met >= 2);
+    if (wanted == 0)
+      break;
+  }
+  assert_true(facts.patches <= unit->charts->count);
+  lod_arena_destroy(arena);
+  test_import_end(&i);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_bilinear_patch_is_two_triangles),
@@ -279,6 +324,7 @@ int main(void) {
       cmocka_unit_test(what_is_wrong_is_told_by_line),
       cmocka_unit_test(every_prefix_of_a_patch_file_is_refused_or_read),
       cmocka_unit_test(charts_say_where_triangles_lie_on_their_patches),
+      cmocka_unit_test(pages_that_share_a_spine_stay_together),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
