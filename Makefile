@@ -69,7 +69,7 @@ help:
 ## make all       build build/release/lodestreamd and build/release/lodestream
 ## make run       install what is missing, build, bake a sample model, serve it, print the viewer's address
 ## make test      install what is missing, build, run every test
-## make bench     every benchmark; make bench-NAME one of them (cluster, envelope, bake, refine, http, delta, stream)
+## make bench     every benchmark; make bench-NAME one of them (cluster, envelope, bake, refine, http, delta, stream, decode)
 ## make wasm      core and codec for the browser, into build/wasm
 ## make lint      include rules, link rules, format
 ## make format    rewrite sources with clang-format
@@ -203,8 +203,8 @@ format:
 	@git ls-files '*.c' '*.h' '*.cc' | xargs clang-format -i
 
 bench: $(patsubst $(B)/tests/bench/%_bench,bench-%,$(BENCH))
-bench-stream: web programs
-	@node tests/bench/stream_bench.mjs $(BENCH_ARGS)
+bench-stream bench-decode: bench-%: web programs
+	@node tests/bench/$*_bench.mjs $(BENCH_ARGS)
 bench-%: $(B)/tests/bench/%_bench programs
 	@$< $(BENCH_ARGS)
 
