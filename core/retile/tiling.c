@@ -328,21 +328,13 @@ static uint64_t inner_key(const struct lod_retile_point *p) {
   return (UINT64_C(1) << 60) | row << 32 | x;
 }
 
-static enum lod_status allocate(struct tiling *t, const struct sheet *sheet, uint32_t site_count, struct lod_arena *arena) {
-  size_t vertices = (size_t)sheet->vertex_count + site_count, faces = (size_t)sheet->face_count + 2 * (size_t)site_count;
-  if (3 * faces >= UINT32_MAX)
-    return LOD_LIMIT;
-  RETILE_TRY_NEW(t->positions, arena, vertices);
-  RETILE_TRY_NEW(t->normals, arena, vertices);
-  RETILE_TRY_NEW(t->points, arena, vertices);
-  RETILE_TRY_NEW(t->copies, arena, vertices);
+/* Room for what vertices that go and come back change. */
+static enum lod_status allocate_changes(struct tiling *t, size_t vertices, size_t faces, struct lod_arena *arena) {
   RETILE_TRY_NEW(t->birth, arena, vertices);
-  RETILE_TRY_NEW_ZERO(t->fixed, arena, vertices);
   RETILE_TRY_NEW_ZERO(t->dead, arena, vertices);
   RETILE_TRY_NEW(t->corner, arena, vertices);
   RETILE_TRY_NEW(t->flat, arena, vertices);
   RETILE_TRY_NEW(t->flat_next, arena, vertices);
-  RETILE_TRY_NEW(t->plane, arena, vertices);
   RETILE_TRY_NEW(t->faces, arena, faces);
   RETILE_TRY_NEW(t->twin, arena, 3 * faces);
   RETILE_TRY_NEW(t->marks, arena, 3 * faces);
@@ -351,6 +343,20 @@ static enum lod_status allocate(struct tiling *t, const struct sheet *sheet, uin
   RETILE_TRY_NEW(t->flat_head, arena, faces);
   RETILE_TRY_NEW_ZERO(t->missed, arena, faces);
   RETILE_TRY_NEW(t->fresh, arena, faces);
+  return LOD_OK;
+}
+
+static enum lod_status allocate(struct tiling *t, const struct sheet *sheet, uint32_t site_count, struct lod_arena *arena) {
+  size_t vertices = (size_t)sheet->vertex_count + site_count, faces = (size_t)sheet->face_count + 2 * (size_t)site_count;
+  if (3 * faces >= UINT32_MAX)
+    return LOD_LIMIT;
+  RETILE_TRY_NEW(t->positions, arena, vertices);
+  RETILE_TRY_NEW(t->normals, arena, vertices);
+  RETILE_TRY_NEW(t->points, arena, vertices);
+  RETILE_TRY_NEW(t->copies, arena, vertices);
+  RETILE_TRY_NEW_ZERO(t->fixed, arena, vertices);
+  RETILE_TRY_NEW(t->plane, arena, vertices);
+  LOD_TRY(allocate_changes(t, vertices, faces, arena));
   memset(t->fresh, 1, faces);
   return LOD_OK;
 }
@@ -528,20 +534,7 @@ enum lod_status tiling_keep(const struct tiling *tiling, struct lod_arena *arena
   if (k == NULL) {
     RETILE_TRY_NEW(k, arena, 1);
     *k = (struct tiling){.vertex_count = tiling->vertex_count, .face_count = tiling->face_count};
-    size_t vertices = tiling->vertex_count, faces = tiling->face_count;
-    RETILE_TRY_NEW(k->birth, arena, vertices);
-    RETILE_TRY_NEW(k->dead, arena, vertices);
-    RETILE_TRY_NEW(k->corner, arena, vertices);
-    RETILE_TRY_NEW(k->flat, arena, vertices);
-    RETILE_TRY_NEW(k->flat_next, arena, vertices);
-    RETILE_TRY_NEW(k->faces, arena, faces);
-    RETILE_TRY_NEW(k->twin, arena, 3 * faces);
-    RETILE_TRY_NEW(k->marks, arena, 3 * faces);
-    RETILE_TRY_NEW(k->start, arena, 3 * faces);
-    RETILE_TRY_NEW(k->region, arena, faces);
-    RETILE_TRY_NEW(k->flat_head, arena, faces);
-    RETILE_TRY_NEW(k->missed, arena, faces);
-    RETILE_TRY_NEW(k->fresh, arena, faces);
+    LOD_TRY(allocate_changes(k, tiling->vertex_count, tiling->face_count, arena));
     *kept = k;
   }
   /* Slots are taken from the dead ones; there are never more. */
