@@ -60,7 +60,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(wildcard tests/bench/*_bench.c))
 FUZZ := $(patsubst %.c,$(B)/%,$(wildcard tests/fuzz/*_fuzz.c))
 HELPERS := $(call objects,$(wildcard tests/data/*.c tests/bench/load/*.c))
 
-.PHONY: all help run test test-only bench lint format sanitize fuzz install clean deps web programs bench-stream unit-tests fuzz-replay wasm
+.PHONY: all help run test test-only bench lint format sanitize fuzz install clean deps web programs bench-stream bench-decode unit-tests fuzz-replay wasm
 all: programs
 
 help:

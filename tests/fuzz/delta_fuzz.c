@@ -6,7 +6,7 @@
 
 #include "codec/stream/bytes.h"
 #include "codec/stream/header.h"
-#include "tests/data/shapes.h"
+#include "tests/fuzz/base.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
@@ -40,23 +40,12 @@ static uint8_t *dress(const uint8_t *data, size_t *size, const struct lod_mesh *
   return frame;
 }
 
-/* Made once: a run is short, and the decoder only reads it. */
-static const struct lod_mesh *make_base(void) {
-  static struct lod_mesh sphere;
-  static struct lod_arena *kept;
-  if (kept == NULL) {
-    kept = lod_arena_create((size_t)64 << 20);
-    sphere = lod_shape_sphere(kept, 1, 1);
-  }
-  return &sphere;
-}
-
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   if (size < 1 + COUNTS)
     return 0;
   const int mode = data[0];
   struct lod_arena *arena = lod_arena_create((size_t)256 << 20), *own = lod_arena_create_child(arena);
-  const struct lod_mesh *base = (mode & 2) != 0 ? make_base() : NULL;
+  const struct lod_mesh *base = (mode & 2) != 0 ? lod_fuzz_base() : NULL;
   data++, size--;
   uint8_t *frame = NULL;
   if ((mode & 1) == 0)

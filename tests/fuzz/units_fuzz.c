@@ -7,7 +7,7 @@
 #include "codec/stream/bytes.h"
 #include "codec/stream/units.h"
 #include "core/mesh/overlay.h"
-#include "tests/data/shapes.h"
+#include "tests/fuzz/base.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
@@ -76,17 +76,6 @@ static void decode(struct lod_units *units, uint8_t *bytes, size_t size, int mod
     draw(units, at_hand, &joined, arena);
 }
 
-/* Made once: a run is short, and the decoder only reads it. */
-static const struct lod_mesh *make_base(void) {
-  static struct lod_mesh sphere;
-  static struct lod_arena *kept;
-  if (kept == NULL) {
-    kept = lod_arena_create((size_t)64 << 20);
-    sphere = lod_shape_sphere(kept, 1, 1);
-  }
-  return &sphere;
-}
-
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   if (size < 1)
     return 0;
@@ -98,8 +87,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     abort();
   memcpy(bytes, data + 1, size - 1);
   if ((data[0] & 1) != 0)
-    mend_index(bytes, size - 1, make_base(), arena);
-  const enum lod_status status = lod_units_open(bytes, size - 1, make_base(), NULL, arena, &units, &problem);
+    mend_index(bytes, size - 1, lod_fuzz_base(), arena);
+  const enum lod_status status = lod_units_open(bytes, size - 1, lod_fuzz_base(), NULL, arena, &units, &problem);
   if (status != LOD_OK && (problem.status != status || problem.detail[0] == '\0'))
     abort();
   if (status == LOD_OK)
