@@ -200,7 +200,7 @@ lint:
 	@tests/lint/lint.sh
 
 format:
-	@git ls-files '*.c' '*.h' '*.cc' | xargs clang-format -i
+	@git ls-files --cached --others --exclude-standard '*.c' '*.h' '*.cc' | xargs clang-format -i
 
 bench: $(patsubst $(B)/tests/bench/%_bench,bench-%,$(BENCH))
 bench-stream bench-decode: bench-%: web programs

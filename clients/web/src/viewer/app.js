@@ -14,7 +14,7 @@ import { View } from './view.js';
 
 const RECONNECT_SECONDS = [1, 2, 4, 8, 15];
 const REFRESH_SECONDS = 20;
-const NARROW = 820; /* pixels, as in style.css */
+const NARROW = 960; /* pixels, as in style.css */
 const TOKEN_KEY = 'lodestream-token';
 const $ = (id) => document.getElementById(id);
 
@@ -69,7 +69,7 @@ class App {
   /** Leaves room for the panels that are always there; sheets on narrow screens come and go over the picture. */
   placePicture() {
     const narrow = innerWidth <= NARROW;
-    const side = innerWidth >= 1000 ? { left: 270, right: 314 } : { left: 0, right: narrow ? 0 : 314 };
+    const side = narrow ? { left: 0, right: 0 } : { left: 270, right: 314 };
     this.view.setInsets({ ...side, top: narrow ? 50 : 10, bottom: narrow ? 112 : 96 });
   }
 
