@@ -46,6 +46,7 @@ SRC_codec := $(wildcard codec/*/*.c) $(wildcard codec/*/*.cc)
 SRC_worker := $(wildcard server/worker/*.c) server/jobs/frame.c server/jobs/refine_query.c
 SRC_server := $(wildcard server/*.c server/http/*.c server/store/*.c server/jobs/*.c)
 SRC_cli := $(wildcard clients/cli/*.c)
+SRC_native := $(filter-out clients/native/example.c,$(wildcard clients/native/*.c))
 
 objects = $(addsuffix .o,$(addprefix $(B)/,$(basename $(1))))
 OBJ_base := $(call objects,$(SRC_base))
@@ -53,6 +54,7 @@ OBJ_core := $(call objects,$(SRC_core))
 OBJ_codec := $(call objects,$(SRC_codec))
 OBJ_worker := $(call objects,$(SRC_worker))
 OBJ_server := $(call objects,$(filter-out server/main.c,$(SRC_server)))
+OBJ_native := $(call objects,$(SRC_native))
 OBJ_cli := $(call objects,$(filter-out clients/cli/main.c,$(SRC_cli)))
 
 UNIT := $(patsubst %.c,$(B)/%,$(shell find tests/unit tests/property tests/golden -name '*_test.c' 2>/dev/null | LC_ALL=C sort))
@@ -85,6 +87,7 @@ $(B)/libcodec.a: $(OBJ_codec)
 $(B)/libworker.a: $(OBJ_worker)
 $(B)/libserver.a: $(OBJ_server)
 $(B)/libcli.a: $(OBJ_cli)
+$(B)/libnative.a: $(OBJ_native)
 $(B)/libtestdata.a: $(HELPERS)
 $(B)/lib%.a:
 	@rm -f $@
@@ -98,7 +101,7 @@ $(B)/lodestream: $(B)/clients/cli/main.o $(B)/libcli.a $(B)/libworker.a $(B)/lib
 	$(say) "LINK $@"
 	$(Q)$(CXX) $(LDFLAGS) -o $@ $^ $(LIBS_tool)
 
-$(B)/clients/native/example: $(B)/clients/native/example.o $(B)/clients/native/lodestream.o $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
+$(B)/clients/native/example: $(B)/clients/native/example.o $(B)/libnative.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
 	$(say) "LINK $@"
 	$(Q)$(CC) $(LDFLAGS) -o $@ $^ -lm
 
@@ -113,7 +116,7 @@ $(B)/%.o: %.cc
 	$(Q)$(CXX) $(CXXFLAGS) -c -o $@ $<
 
 # Test programs may reach every module; the linker takes what each needs.
-TEST_LIBS = $(B)/libtestdata.a $(B)/libcli.a $(B)/libworker.a $(B)/libserver.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
+TEST_LIBS = $(B)/libtestdata.a $(B)/libcli.a $(B)/libnative.a $(B)/libworker.a $(B)/libserver.a $(B)/libcodec.a $(B)/libcore.a $(B)/libbase.a
 link_test = $(Q)$(CXX) $(LDFLAGS) -o $@ $< -Wl,--start-group $(TEST_LIBS) -Wl,--end-group
 
 $(B)/%_test: $(B)/%_test.o $(TEST_LIBS)

@@ -1,21 +1,7 @@
-#include "clients/native/lodestream.h"
-
 #include <stdlib.h>
 
+#include "clients/native/stream.h"
 #include "core/mesh/copy.h"
-
-/* A level with what belongs to it. */
-struct held {
-  struct lod_arena *arena; /* NULL: none */
-  struct lod_delta_level level;
-  struct lod_morph morph;
-  bool morphs;
-};
-
-struct lodestream {
-  struct lod_arena *arena;
-  struct held before, now;
-};
 
 struct lodestream *lodestream_create(size_t memory) {
   struct lodestream *stream = calloc(1, sizeof *stream);
@@ -31,13 +17,15 @@ struct lodestream *lodestream_create(size_t memory) {
 void lodestream_destroy(struct lodestream *stream) {
   if (stream == NULL)
     return;
+  lodestream_units_drop(stream);
   lod_arena_destroy(stream->before.arena);
   lod_arena_destroy(stream->now.arena);
   lod_arena_destroy(stream->arena);
   free(stream);
 }
 
-static void step(struct lodestream *stream, const struct held *next) {
+void lodestream_step(struct lodestream *stream, const struct held *next) {
+  lodestream_units_drop(stream); /* its base goes */
   lod_arena_destroy(stream->before.arena);
   stream->before = stream->now;
   stream->now = *next;
@@ -49,7 +37,7 @@ enum lod_status lodestream_start(struct lodestream *stream, const struct lod_mes
     lod_arena_destroy(next.arena);
     return lod_fail_memory(problem);
   }
-  step(stream, &next);
+  lodestream_step(stream, &next);
   return LOD_OK;
 }
 
@@ -74,7 +62,7 @@ enum lod_status lodestream_feed(struct lodestream *stream, uint32_t unit, const 
   const bool based = header.from != LOD_NONE && stream->now.arena != NULL;
   status = lod_delta_decode(bytes, size, based ? &stream->now.level.mesh : NULL, NULL, next.arena, &next.level, problem);
   if (status == LOD_OK)
-    step(stream, &next);
+    lodestream_step(stream, &next);
   else
     lod_arena_destroy(next.arena);
   return status;

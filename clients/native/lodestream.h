@@ -6,7 +6,7 @@
 #ifndef LOD_CLIENTS_NATIVE_LODESTREAM_H
 #define LOD_CLIENTS_NATIVE_LODESTREAM_H
 
-#include "codec/stream/delta.h"
+#include "codec/stream/units.h"
 #include "core/mesh/overlay.h"
 
 /* One unit of a model on its way from coarse to fine. Not for two threads at once. */
@@ -33,5 +33,39 @@ const struct lod_mesh *lodestream_level(const struct lodestream *stream);
  * the coarser level's shape wherever it could be mapped, with t = 1 the finer's. NULL *morph and LOD_OK where there was no step. Valid
  * until the next feed. */
 LOD_WARN_UNUSED enum lod_status lodestream_morph(struct lodestream *stream, const struct lod_morph **morph, struct lod_problem *problem);
+
+/* ---- a step in units: the part that one looks at first ----
+ *
+ * A manifest's `delta.units` names an object that holds the step in parts (codec/FORMAT.md, section 6.3). Ask for its first `units.first`
+ * bytes with Range and give them to lodestream_units_begin; lodestream_units then tells of every patch where its frame lies, and a ball
+ * around it and which way it faces, by which a client chooses what to ask for next. The frame of header.primer_patch lies in those first
+ * bytes and is taken first, all others in any order. As they come, draw lodestream_units_morph; with all of them
+ * lodestream_units_finish makes the finer level the level reached. */
+
+/* bytes: the index, more may follow (lod_units_index_bytes tells how long it is). They are not needed afterwards. A step in units that had
+ * begun before is dropped. After a failure ("wrong-base" too: the level reached is not the step's coarser one) that one goes on. */
+LOD_WARN_UNUSED enum lod_status lodestream_units_begin(struct lodestream *stream, const uint8_t *bytes, size_t size,
+                                                       struct lod_problem *problem);
+
+/* Index and patches; NULL where no step in units has begun. Valid until it ends. */
+const struct lod_units *lodestream_units(const struct lodestream *stream);
+
+/* A patch's frame: `size` at least patches[patch].size. One that is at hand already is not decoded again. After a failure nothing has
+ * changed, and the frame can be asked for anew. */
+LOD_WARN_UNUSED enum lod_status lodestream_units_take(struct lodestream *stream, uint32_t patch, const uint8_t *bytes, size_t size,
+                                                      struct lod_problem *problem);
+
+/* What to draw of the patches at hand: fragments where all patches around are here, the level reached elsewhere, without cracks at any t.
+ * What was fragments in the drawing before is at its end whatever t (settled), so each part grows once, and a drawing is made when the one
+ * before has grown (t = 1). With all patches its end is the finer level. Valid until the next one, or until the step ends. */
+LOD_WARN_UNUSED enum lod_status lodestream_units_morph(struct lodestream *stream, const struct lod_morph **morph,
+                                                       struct lod_problem *problem);
+
+/* All patches are at hand: the finer level, whose checksum is compared, is the level reached, and the step ends. After a failure the stream
+ * is at its coarser level as before. */
+LOD_WARN_UNUSED enum lod_status lodestream_units_finish(struct lodestream *stream, struct lod_problem *problem);
+
+/* The step ends at the level reached. feed and start do that too. */
+void lodestream_units_drop(struct lodestream *stream);
 
 #endif

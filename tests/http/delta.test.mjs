@@ -130,3 +130,39 @@ test('native client draws every level as it arrives, and a morph that begins and
   assert.equal(broken.error.code, 1);
   assert.match(broken.err, /damaged/);
 });
+
+test('native client takes a step in units from the level reached, part by part', async () => {
+  fs.writeFileSync(file('fine.ply'), asPly(wavySphere(100)));
+  await run(tool, ['bake', file('fine.ply'), '-o', file('bake'), '--family', 'retile', '--vertices', '1100,3000']);
+  const { levels } = JSON.parse(fs.readFileSync(file('bake/manifest.json'))).families.retile;
+  const read = ({ object }) => fs.readFileSync(file(path.join('bake/objects', object)));
+  const at = 0;
+  const { units } = levels[at].delta;
+  const frames = read(levels[0].first);
+  const object = read(units);
+  assert.equal(object.length, units.bytes);
+  fs.writeFileSync(file('units.bin'), object);
+  const example = () => new Promise((resolve) => {
+    const child = execFile(path.join(build, 'clients/native/example'), ['--units', file('units.bin'), file('parts'), '0', '1'], (error, out, err) => resolve({ error, out, err }));
+    child.stdin.end(frames);
+  });
+  const { error, out, err } = await example();
+  assert.equal(error, null, err);
+  const parts = Number(/level \d+: .* in (\d+) units/.exec(out)?.[1]);
+  assert.ok(parts >= 2, out);
+  const bound = async (a, b) => {
+    const facts = JSON.parse((await run(tool, ['measure', file(a), file(b), '--json'])).stdout);
+    return facts.upper / facts.diagonal;
+  };
+  fs.writeFileSync(file('whole.glb'), read(levels[at + 1]));
+  await run(tool, ['decode', file('whole.glb'), '-o', file('whole.ply')]);
+  assert.ok(await bound(`parts-${at + 1}.ply`, 'whole.ply') <= 1e-9, 'all units are the level');
+  assert.ok(await bound(`parts-${at + 1}.1-0.ply`, `parts-${at}.ply`) <= 1e-6, 'a drawing begins at what is there');
+  assert.ok(await bound(`parts-${at + 1}.${parts}-1.ply`, 'whole.ply') <= 1e-6, 'and ends at the level');
+  assert.ok(await bound(`parts-${at + 1}.1-1.ply`, 'whole.ply') > 1e-6, 'the first part is not all of it');
+  object[object.length - 3] ^= 4;
+  fs.writeFileSync(file('units.bin'), object);
+  const broken = await example();
+  assert.equal(broken.error.code, 1);
+  assert.match(broken.err, new RegExp(`damaged.* The picture stays at level ${at}\\.`));
+});
