@@ -69,6 +69,7 @@ static char *metrics_text(struct lod_service *service, const struct lod_jobs_cou
   struct lod_metric_row stages[LOD_STAGES_MAX];
   for (uint32_t i = 0; i < jobs->stages.count; i++)
     stages[i] = (struct lod_metric_row){jobs->stages.list[i].name, jobs->stages.list[i].seconds};
+  const struct lod_metric_row waits[] = {{"first", jobs->first_wait_seconds}, {"later", jobs->later_wait_seconds}};
   const struct lod_metric_row outcomes[] = {{"answered", (double)pool->answered},   {"failed", (double)pool->failed},
                                             {"crashed", (double)pool->crashed},     {"late", (double)pool->late},
                                             {"cancelled", (double)pool->cancelled}, {"refused", (double)pool->refused}};
@@ -80,6 +81,9 @@ static char *metrics_text(struct lod_service *service, const struct lod_jobs_cou
     refine_ends[i] = (struct lod_metric_row){lod_pool_end_name((enum lod_pool_end)i), (double)pool->ends[i]};
   const struct lod_metric_family families[] = {
       {"lodestream_worker_ends_total", "Workers that ended, by cause.", "cause", ends, sizeof ends / sizeof *ends},
+      {"lodestream_bake_wait_seconds_total",
+       "Seconds that bakes waited for a worker before they began; first: of models that were not served yet.", "bake", waits,
+       sizeof waits / sizeof *waits},
       {"lodestream_bake_stage_seconds_total", "Seconds that bakes were in each stage; a family's stage has its name.", "stage", stages,
        jobs->stages.count},
       {"lodestream_refine_requests_total", "Refinements and contacts that a worker was asked for, by outcome; refused: the queue was full.",
@@ -112,6 +116,8 @@ void lod_answer_metrics(struct lod_exchange *exchange) {
       {LOD_METRIC_MODELS, (double)lod_store_model_count(service->store)},
       {LOD_METRIC_JOBS_QUEUED, (double)jobs.queued},
       {LOD_METRIC_JOBS_RUNNING, (double)jobs.running},
+      {LOD_METRIC_JOBS_LATER_QUEUED, (double)jobs.queued_later},
+      {LOD_METRIC_JOBS_LATER_RUNNING, (double)jobs.running_later},
       {LOD_METRIC_JOBS_DONE, (double)jobs.done},
       {LOD_METRIC_JOBS_FAILED, (double)jobs.failed},
       {LOD_METRIC_JOBS_RETRIED, (double)jobs.retried},

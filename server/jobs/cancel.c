@@ -7,9 +7,10 @@
 #include "server/jobs/queue.h"
 
 void lod_jobs_explain_cancel(struct lod_problem *problem, int why) {
-  (void)lod_fail(problem, LOD_CANCELLED, why == DELETED ? "cancelled" : "superseded",
-                 why == DELETED ? "The model was deleted before its bake had ended."
-                                : "The model was uploaded anew before this bake had ended.");
+  static const char *const kTexts[] = {[DELETED] = "The model was deleted before its bake had ended.",
+                                       [SUPERSEDED] = "The model was uploaded anew before this bake had ended.",
+                                       [UNWANTED] = "The server was started anew and adds no later families any more."};
+  (void)lod_fail(problem, LOD_CANCELLED, why == SUPERSEDED ? "superseded" : "cancelled", "%s", kTexts[why]);
 }
 
 /* A waiting job ends. The mutex is held. */

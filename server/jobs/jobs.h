@@ -14,9 +14,11 @@ struct lod_jobs;
 enum lod_job_state { LOD_JOB_QUEUED, LOD_JOB_RUNNING, LOD_JOB_DONE, LOD_JOB_FAILED };
 
 struct lod_jobs_settings {
-  struct lod_store *store;     /* not owned */
-  const char *worker_path;     /* the `lodestream` program */
-  uint32_t workers;            /* bakes at once; default 1 */
+  struct lod_store *store; /* not owned */
+  const char *worker_path; /* the `lodestream` program */
+  /* Bakes at once; default 1. With later families one more first bake may run beside them: an upload does not wait minutes for what another
+   * model gets later. */
+  uint32_t workers;
   uint32_t threads;            /* per worker; 0 = as many as the machine has */
   uint32_t queue_limit;        /* waiting jobs; more are refused with LOD_LIMIT "queue-full"; default 64 */
   uint32_t deadline_seconds;   /* of one bake; default 600 */
@@ -70,10 +72,11 @@ bool lod_jobs_ready(struct lod_jobs *jobs, struct lod_problem *problem);
 
 struct lod_jobs_counts {
   uint64_t queued, running, done, failed;                 /* now, now, since start, since start */
-  uint64_t queued_later;                                  /* of `queued`: those that add later families */
+  uint64_t queued_later, running_later;                   /* of these: those that add later families */
   uint64_t workers_crashed, workers_killed, retried;      /* since start: by signal, by deadline or limit, after a restart */
   uint64_t workers_done, workers_failed, workers_stopped; /* since start: said so, said why not, by us (a delete, a stop) */
   double bake_seconds;                                    /* since start, of finished jobs */
+  double first_wait_seconds, later_wait_seconds;          /* since start, of jobs that began: how long they waited for a worker */
   struct lod_stages stages;
 };
 struct lod_jobs_counts lod_jobs_counts(struct lod_jobs *jobs);

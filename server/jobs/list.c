@@ -67,6 +67,7 @@ struct job *lod_jobs_create_job(uint64_t number, const char *id, const char *nam
     return NULL;
   job->facts.number = number;
   job->facts.created = lod_jobs_wall_seconds();
+  job->queued = lod_jobs_monotonic_seconds();
   snprintf(job->facts.id, sizeof job->facts.id, "%s", id);
   snprintf(job->facts.stage, sizeof job->facts.stage, "queued");
   job->name = strndup(name == NULL ? id : name, NAME_MAX_BYTES);

@@ -146,7 +146,7 @@ static enum lod_status start_worker(struct runner *runner, struct lod_problem *p
                                         .output_fd = folder,
                                         .memory_limit_bytes = pool->settings.memory_limit_bytes,
                                         .cpu_limit_seconds = CPU_SECONDS,
-                                        .answers = true};
+                                        .niceness = LOD_NICE_ANSWER};
   enum lod_status status = folder < 0 || input < 0
                                ? lod_fail(problem, LOD_IO, "worker-missing", "A worker's folder cannot be made: %s.", strerror(errno))
                                : lod_process_spawn(&settings, &runner->process, problem);

@@ -99,6 +99,8 @@ struct lod_jobs_counts lod_jobs_counts(struct lod_jobs *jobs) {
   pthread_mutex_lock(&jobs->mutex);
   struct lod_jobs_counts counts = jobs->counts;
   counts.queued_later = lod_jobs_count_waiting(jobs, true);
+  for (uint32_t i = 0; i < jobs->runner_count; i++)
+    counts.running_later += jobs->runners[i].job != NULL && jobs->runners[i].job->later;
   pthread_mutex_unlock(&jobs->mutex);
   return counts;
 }
@@ -150,9 +152,10 @@ static bool is_outdated(const struct lod_jobs *jobs, size_t at) {
 static enum lod_status end_old_jobs(struct lod_jobs *jobs, struct lod_problem *problem) {
   for (size_t i = 0; i < jobs->count; i++) {
     struct job *job = jobs->list[i];
-    bool outdated = is_outdated(jobs, i);
+    bool unwanted = job->later && jobs->later_families == NULL && !lod_jobs_has_ended(job);
+    bool outdated = unwanted || is_outdated(jobs, i);
     if (outdated) {
-      lod_jobs_explain_cancel(&job->facts.problem, SUPERSEDED);
+      lod_jobs_explain_cancel(&job->facts.problem, unwanted ? UNWANTED : SUPERSEDED);
       job->facts.state = LOD_JOB_FAILED;
       job->facts.finished = lod_jobs_wall_seconds();
       jobs->counts.queued--;
@@ -205,9 +208,10 @@ static enum lod_status prepare(struct lod_jobs *jobs, struct lod_problem *proble
 }
 
 static enum lod_status start_runners(struct lod_jobs *jobs, struct lod_problem *problem) {
-  uint32_t wanted = jobs->settings.workers == 0 ? 1 : jobs->settings.workers;
-  if (wanted > MAX_WORKERS)
+  jobs->bakes = jobs->settings.workers == 0 ? 1 : jobs->settings.workers;
+  if (jobs->bakes > MAX_WORKERS)
     return lod_fail(problem, LOD_BAD_INPUT, "bad-setting", "At most %d workers can run at once.", MAX_WORKERS);
+  const uint32_t wanted = jobs->bakes + (jobs->later_families != NULL);
   for (uint32_t i = 0; i < wanted; i++) {
     struct runner *runner = &jobs->runners[i];
     runner->jobs = jobs;

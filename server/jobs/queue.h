@@ -16,9 +16,9 @@ struct job {
   struct lod_job facts;
   char *name, *format; /* format may be NULL */
   uint32_t attempts;
-  double started, stage_began; /* monotonic */
-  bool later;                  /* adds the later families to a model that is served */
-  enum { NOT_CANCELLED, DELETED, SUPERSEDED } cancelled;
+  double queued, started, stage_began; /* monotonic */
+  bool later;                          /* adds the later families to a model that is served */
+  enum { NOT_CANCELLED, DELETED, SUPERSEDED, UNWANTED } cancelled;
   bool committing;       /* past the point where a cancel can stop it */
   struct runner *runner; /* while running */
 };
@@ -56,9 +56,9 @@ struct lod_jobs {
   struct lod_jobs_counts counts;
   double moved; /* monotonic: when a job began or ended last, or came when there was none */
   bool stopping;
-  struct runner runners[MAX_WORKERS];
-  uint32_t runner_count;
-  struct lod_trial trial; /* with a lock of its own */
+  struct runner runners[MAX_WORKERS + 1];
+  uint32_t runner_count, bakes; /* bakes: at once; a runner is spare, for first bakes, where there are later ones */
+  struct lod_trial trial;       /* with a lock of its own */
 };
 
 /* ---- list.c ---- */

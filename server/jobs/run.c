@@ -25,6 +25,7 @@ static void settle(struct job *job, struct lod_watch_result *result) {
   /* An orderly stop of the daemon is no failed attempt, nor is a delete, which decides by itself what becomes of the job. */
   if (result->end == LOD_WATCH_STOPPED && !superseded) {
     job->attempts--;
+    job->queued = lod_jobs_monotonic_seconds();
     job->facts.state = LOD_JOB_QUEUED;
     job->facts.progress = 0;
     snprintf(job->facts.stage, sizeof job->facts.stage, "queued");
@@ -100,7 +101,8 @@ static void watch_worker(struct runner *runner, const struct job *job, int input
                                             .input_fd = input_fd,
                                             .output_fd = output_fd,
                                             .memory_limit_bytes = jobs->settings.memory_limit_bytes,
-                                            .cpu_limit_seconds = cpu_limit(jobs)},
+                                            .cpu_limit_seconds = cpu_limit(jobs),
+                                            .niceness = job->later ? LOD_NICE_LATER_BAKE : LOD_NICE_BAKE},
                                   .job = payload,
                                   .job_size = strlen(payload),
                                   .deadline_seconds = jobs->settings.deadline_seconds,
@@ -225,6 +227,7 @@ static void finish_job(struct runner *runner, struct job *job, struct lod_watch_
   lod_stages_add(&jobs->counts.stages, job->facts.stage, lod_jobs_monotonic_seconds() - job->stage_began);
   job->facts = after.facts;
   job->attempts = after.attempts;
+  job->queued = after.queued;
   job->runner = NULL;
   job->committing = false;
   runner->job = NULL;
@@ -239,10 +242,22 @@ static void finish_job(struct runner *runner, struct job *job, struct lod_watch_
   lod_jobs_prune(jobs);
 }
 
+/* Whether one more job of this kind may run. Later families take minutes: all runners but the spare one are theirs when nothing else waits,
+ * and a model that nobody can see yet still starts at once. The mutex is held. */
+static bool has_room(const struct lod_jobs *jobs, bool later) {
+  uint32_t all = 0, firsts = 0;
+  for (uint32_t i = 0; i < jobs->runner_count; i++) {
+    const struct job *job = jobs->runners[i].job;
+    all += job != NULL;
+    firsts += job != NULL && !job->later;
+  }
+  return (later ? all : firsts) < jobs->bakes;
+}
+
 /* The oldest waiting job of this kind whose model no other worker is at: uploads of one model take effect in their order. The mutex is
  * held. */
 static struct job *oldest_job(const struct lod_jobs *jobs, bool later) {
-  for (size_t i = 0; i < jobs->count; i++) {
+  for (size_t i = 0; has_room(jobs, later) && i < jobs->count; i++) {
     const struct job *job = jobs->list[i];
     bool busy = job->facts.state != LOD_JOB_QUEUED || job->cancelled != NOT_CANCELLED || job->later != later;
     for (uint32_t k = 0; k < jobs->runner_count && !busy; k++)
@@ -268,6 +283,7 @@ static void start_job(struct runner *runner, struct job *job) {
   runner->job = job;
   job->runner = runner;
   job->started = job->stage_began = jobs->moved = lod_jobs_monotonic_seconds();
+  *(job->later ? &jobs->counts.later_wait_seconds : &jobs->counts.first_wait_seconds) += job->started - job->queued;
   job->attempts++;
   job->facts.state = LOD_JOB_RUNNING;
   job->facts.progress = 0;

@@ -26,7 +26,7 @@
 #define SANITIZED 0
 #endif
 
-enum { MAX_FILES = 64, NICENESS = 10, FIRST_SPARE_FD = 10, MAX_ENVIRONMENT = 8 };
+enum { MAX_FILES = 64, FIRST_SPARE_FD = 10, MAX_ENVIRONMENT = 8 };
 
 /* Libraries, mapped input and thread stacks beside the memory that counts. */
 static const uint64_t kAddressRoom = UINT64_C(8) << 30;
@@ -139,8 +139,8 @@ _Noreturn static void run_child(const struct child *child) {
   if (getppid() != child->parent) /* it died before the line above */
     _exit(127);
   prefer_as_victim();
-  if (!child->settings->answers)
-    setpriority(PRIO_PROCESS, 0, NICENESS); /* answering goes before baking */
+  if (child->settings->niceness != LOD_NICE_ANSWER)
+    setpriority(PRIO_PROCESS, 0, child->settings->niceness);
   place_descriptors(child);
   for (size_t i = 0; i < child->limit_count; i++) {
     struct rlimit limit;

@@ -8,12 +8,15 @@
 
 #include "core/base/status.h"
 
+/* Answering goes before baking, and models that nobody can see yet before those that are served. */
+enum { LOD_NICE_ANSWER = 0, LOD_NICE_BAKE = 10, LOD_NICE_LATER_BAKE = 19 };
+
 struct lod_spawn_settings {
   const char *path;            /* the `lodestream` program; started as `path worker` */
   int input_fd, output_fd;     /* become descriptors 4 and 5; not owned */
   uint64_t memory_limit_bytes; /* RLIMIT_DATA and, with room for mapped files, RLIMIT_AS; also the largest file it may write */
   uint64_t cpu_limit_seconds;  /* of all its threads together */
-  bool answers;                /* somebody waits for it: it runs beside the daemon, not behind it */
+  int niceness;                /* one of the below: what waits for whom */
 };
 
 struct lod_process {

@@ -272,6 +272,26 @@ test('store that becomes read-only is told by name, serves on, and takes uploads
   }
 });
 
+test('an upload is served while the second bake of another model goes on for ever, and the metrics say so', async () => {
+  const daemon = await Daemon.start({ later: 'envelope' });
+  try {
+    const first = await daemon.bake('one', { ...bunny, later: 'hang' });
+    await eventually('the second bake runs', async () => (await daemon.metric('lodestream_jobs_later_running')) === 1);
+    for (const id of ['two', 'three']) {
+      assert.equal((await daemon.bake(id, { ...bunny, later: 'hang' })).state, 'done');
+      assert.equal((await daemon.curl(`/v1/models/${id}/level?error=1`)).status, 200);
+    }
+    assert.equal((await daemon.json(`/v1/jobs/${first.next}`)).json.state, 'running');
+    assert.equal(await daemon.metric('lodestream_jobs_later_running'), 1);
+    assert.equal(await daemon.metric('lodestream_jobs_later_queued'), 2);
+    assert.match(String((await daemon.curl('/metrics')).body), /^lodestream_bake_wait_seconds_total\{bake="first"\} \d/m);
+    assert.equal((await daemon.curl('/v1/models/one', ['-X', 'DELETE'])).status, 204);
+    await eventually('the next second bake runs', async () => (await daemon.metric('lodestream_jobs_later_queued')) === 1);
+  } finally {
+    await daemon.stop();
+  }
+});
+
 test('every metric of the dashboard is one that the daemon has', async () => {
   const daemon = await Daemon.start();
   await daemon.bake('m', bunny);

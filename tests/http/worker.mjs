@@ -3,7 +3,8 @@
 // progress and misbehaviour. The real worker has tests of its own; what is tested with this one is the daemon.
 //
 // Recipe: {"families":{"cluster":{"nested":true,"levels":[{"error":1,"triangles":10,"size":1000,"cell":2}, ...]}},
-//          "texture":true, "steps":3, "step_ms":50, "behave":"crash"|"hang"|"fail"|"lie"}
+//          "texture":true, "steps":3, "step_ms":50, "behave":"crash"|"hang"|"fail"|"lie",
+//          "later":"hang"|...: how to behave when the family envelope is asked for too}
 import fs from 'node:fs';
 import path from 'node:path';
 import { createHash } from 'node:crypto';
@@ -101,6 +102,7 @@ function work() {
     send('F', { status: 'bad-input', type: 'truncated', detail: `'${job.name}': not a recipe.` });
     return;
   }
+  if (recipe.later && job.families.includes('envelope')) recipe.behave = recipe.later;
   const steps = recipe.steps ?? 0;
   for (let i = 0; i < steps; i++) {
     send('P', { stage: `step-${i}`, progress: i / steps });

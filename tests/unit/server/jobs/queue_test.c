@@ -416,6 +416,7 @@ static void restart_with_later_families(struct fixture *fixture) {
   stop(fixture);
   fixture->settings.families = "cluster";
   fixture->settings.later_families = "cluster, envelope";
+  fixture->settings.deadline_seconds = 600; /* those that hang do so until they are ended */
   start(fixture);
 }
 
@@ -478,6 +479,61 @@ static void models_that_are_not_served_yet_come_before_later_families(void **sta
   assert_int_equal(wait_for(fixture, slow, false).state, LOD_JOB_DONE);
   assert_int_equal(wait_for(fixture, second, false).state, LOD_JOB_DONE);
   assert_int_equal(wait_for(fixture, third, false).state, LOD_JOB_DONE); /* though the later job of `second`, which hangs, is older */
+}
+
+/* The later bake of `bunny` hangs until this program ends it: were there no room beside it, `second` would never begin. */
+static void a_model_that_is_not_served_yet_does_not_wait_for_later_families_that_are_being_baked(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  struct lod_job bunny = run(fixture, "families late-hang");
+  wait_for(fixture, bunny.next, true);
+  struct lod_jobs_counts counts = lod_jobs_counts(fixture->jobs);
+  assert_int_equal(counts.running, 1);
+  assert_int_equal(counts.running_later, 1);
+  assert_int_equal(wait_for(fixture, submit(fixture, "second", "families late-hang"), false).state, LOD_JOB_DONE);
+  struct lod_job third = wait_for(fixture, submit(fixture, "third", "families late-hang"), false);
+  assert_int_equal(third.state, LOD_JOB_DONE);
+  assert_int_equal(wait_for(fixture, bunny.next, true).state, LOD_JOB_RUNNING); /* and was not disturbed */
+  /* The spare worker is for first bakes: later ones run one after another. */
+  counts = lod_jobs_counts(fixture->jobs);
+  assert_int_equal(counts.running_later, 1);
+  assert_int_equal(counts.queued_later, 2);
+  assert_true(counts.first_wait_seconds >= 0 && counts.later_wait_seconds >= 0);
+  bool existed;
+  assert_int_equal(lod_jobs_delete_model(fixture->jobs, "bunny", &existed, NULL), LOD_OK);
+  assert_int_equal(lod_jobs_delete_model(fixture->jobs, "second", &existed, NULL), LOD_OK);
+  assert_string_equal(wait_for(fixture, third.next, true).stage, "slow"); /* now it is its turn */
+}
+
+/* With nothing to add, the spare worker would be a second bake at once, which `workers` does not allow. */
+static void first_bakes_are_no_more_at_once_than_workers(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  uint64_t slow = submit(fixture, "bunny", "say P{\"stage\":\"slow\",\"progress\":0}");
+  wait_for(fixture, slow, true);
+  uint64_t second = submit(fixture, "second", "families ");
+  struct lod_problem problem;
+  assert_true(lod_jobs_ready(fixture->jobs, &problem)); /* starts a process: a free worker would have begun `second` meanwhile */
+  struct lod_job job;
+  assert_true(lod_jobs_find(fixture->jobs, second, &job));
+  assert_int_equal(job.state, LOD_JOB_QUEUED);
+  bool existed;
+  assert_int_equal(lod_jobs_delete_model(fixture->jobs, "bunny", &existed, NULL), LOD_OK);
+  assert_int_equal(wait_for(fixture, second, false).state, LOD_JOB_DONE);
+}
+
+static void a_second_job_that_nobody_wants_any_more_ends_at_the_start(void **state) {
+  struct fixture *fixture = *state;
+  restart_with_later_families(fixture);
+  struct lod_job first = run(fixture, "families late-hang");
+  wait_for(fixture, first.next, true);
+  stop(fixture);
+  fixture->settings.later_families = NULL;
+  start(fixture);
+  struct lod_job second = wait_for(fixture, first.next, false);
+  assert_int_equal(second.state, LOD_JOB_FAILED);
+  assert_string_equal(second.problem.type, "cancelled");
+  expect_model(fixture, "bunny", "-cluster-");
 }
 
 static void a_new_upload_ends_the_second_job_of_the_one_before(void **state) {
@@ -573,6 +629,9 @@ int main(int argc, char **argv) {
       TEST(later_families_without_first_ones_are_refused),
       TEST(a_second_job_that_fails_leaves_the_first_ones_levels),
       TEST(models_that_are_not_served_yet_come_before_later_families),
+      TEST(a_model_that_is_not_served_yet_does_not_wait_for_later_families_that_are_being_baked),
+      TEST(first_bakes_are_no_more_at_once_than_workers),
+      TEST(a_second_job_that_nobody_wants_any_more_ends_at_the_start),
       TEST(a_new_upload_ends_the_second_job_of_the_one_before),
       TEST(a_second_job_survives_a_restart),
       TEST(ready_means_that_a_worker_comes_up),
