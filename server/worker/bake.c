@@ -508,6 +508,7 @@ static void keep_requested(const struct bake *bake, struct lod_baked_family *fam
 
 static enum lod_status build_family(struct bake *bake, uint32_t index) {
   struct lod_baked_family *family = &bake->families[index];
+  family->nested = family->family->nested || (family->family == &lod_envelope_family && lod_envelope_recipe_nests(bake->request));
   struct family_job job = {
       .bake = bake,
       .family = family,
@@ -544,8 +545,7 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
       LOD_TRY(
           lod_output_object(bake->request->directory_fd, level->patches.bytes, level->patches.size, level->patches.object, bake->problem));
   }
-  bool nested = family->family->nested || (family->family == &lod_envelope_family && lod_envelope_recipe_nests(bake->request));
-  if (!nested)
+  if (!family->nested)
     return LOD_OK;
   struct lod_deltas_request deltas = {.model = &bake->model,
                                       .levels = family->levels,

@@ -127,7 +127,7 @@ static json_t *families_json(const struct lod_manifest_facts *facts) {
         name_polygons(facts, &family->levels[i], level);
       json_array_append_new(levels, level);
     }
-    json_object_set_new(families, family->family->name, json_pack("{sb so}", "nested", family->family->nested, "levels", levels));
+    json_object_set_new(families, family->family->name, json_pack("{sb so}", "nested", family->nested, "levels", levels));
   }
   return families;
 }
@@ -147,7 +147,7 @@ static json_t *part_families_json(const struct lod_manifest_facts *facts, uint32
       json_object_set_new(level, "type", json_string("model/gltf-binary"));
       json_array_append_new(levels, level);
     }
-    json_object_set_new(families, family->family->name, json_pack("{sb so}", "nested", family->family->nested, "levels", levels));
+    json_object_set_new(families, family->family->name, json_pack("{sb so}", "nested", family->nested, "levels", levels));
   }
   return families;
 }

@@ -9,6 +9,7 @@ struct lod_baked_family {
   const struct lod_family *family;
   struct lod_baked_level *levels; /* coarsest first */
   uint32_t level_count;
+  bool nested; /* as it was made: coarse vertices are fine vertices */
 };
 
 struct lod_source_facts {

@@ -128,6 +128,7 @@ test('the family envelope is baked nested where the daemon is asked to, and sent
     assert.equal(second.state, 'done', JSON.stringify(second.problem));
     const { json: manifest } = await nested.json('/v1/models/ball');
     const { levels } = manifest.families.envelope;
+    assert.equal(manifest.families.envelope.nested, true, 'a client may morph');
     const steps = levels.filter((level) => level.delta);
     assert.ok(steps.length > 0 && levels[0].first, JSON.stringify(levels));
     const whole = await nested.curl('/v1/models/ball/delta?family=envelope&to=1');

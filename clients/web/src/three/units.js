@@ -147,6 +147,7 @@ export class PartObject {
     return {
       root,
       t: shape.t,
+      triangles: shape.triangles,
       setWireframe: (on) => shape.setWireframe(on),
       dispose: () => {
         shape.t.value = 1;

@@ -274,6 +274,11 @@ export class View {
     return true;
   }
 
+  /** The morph that is drawn: how far it is, and its triangles; null: a level alone is. */
+  get grown() {
+    return this.morph && { t: this.morph.t.value, triangles: this.morph.triangles };
+  }
+
   /** A morph that follows the error on screen and is where it should be. */
   get resting() {
     return this.morph !== null && this.pair !== null && this.driver.done && this.leaving === null && this.preparing === null && Boolean(this.options.drive?.());
