@@ -28,7 +28,7 @@ static const struct cli_option kOptions[] = {
     {"retile", 0, "KEY=VALUE",
      "How retile works; may be repeated: mode=turk (the paper's own), placement=elimination|turk, curvature=tensor|turk|none,\n"
      "measure=cost|length|angle, projection=polar|planes, and by number adapt, anisotropy, lead, settle, prune, steps, damping, radius,\n"
-     "flips, crease, seed, ratio, least."},
+     "flips, crease, corner (degrees), seed, and of the ladder ratio, least, finest (error in percent of the diagonal; 0.02)."},
     {"envelope", 0, "KEY=VALUE",
      "How envelope works; may be repeated: nested=1 (vertices of levels are vertices of finer ones, with deltas), guard=all|closed|none\n"
      "(where faces must not newly cross), rms (most of the mean error, a share of the greatest), and what attributes may be off by:\n"
@@ -162,8 +162,11 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
                        LOD_BAKE_MAX_LIST);
   } else if (strcmp(option->name, "retile") == 0) {
     struct lod_retile_settings ignored = lod_retile_defaults();
-    if (request->retile_option_count == LOD_BAKE_MAX_LIST || lod_retile_recipe_option(value, &ignored, NULL) != LOD_OK)
-      return cli_usage(&cli_bake, "--retile %s: expected KEY=VALUE as listed under --help", value);
+    struct lod_problem problem = {0};
+    if (request->retile_option_count == LOD_BAKE_MAX_LIST)
+      return cli_usage(&cli_bake, "--retile was given more than %d times", LOD_BAKE_MAX_LIST);
+    if (lod_retile_recipe_option(value, &ignored, &problem) != LOD_OK)
+      return cli_usage(&cli_bake, "--retile %s", problem.detail);
     request->retile_options[request->retile_option_count++] = value;
   } else if (strcmp(option->name, "envelope") == 0) {
     struct lod_envelope_options ignored = lod_envelope_options_defaults();

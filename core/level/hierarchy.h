@@ -40,7 +40,12 @@ struct lod_level {
   double target;
   double precision; /* with a target, the most that quantisation may take; 0 = what the target leaves */
   double expected; /* without a bound: about the distance, by a measure that proves nothing; 0 = not known. Leads the choice of precision */
-  double cell;     /* width of the clustering cell; 0 = none */
+  /* Of families that can be asked for a number of vertices: how many were asked for (0: none), and how many the level has that were placed
+   * (candidates) or are the source's and could not be removed (retained). counted: the two are told. */
+  bool apart; /* vertices that lie apart must not be merged by quantisation: the level's topology is promised */
+  bool counted;
+  uint64_t asked, candidates, retained;
+  double cell;                             /* width of the clustering cell; 0 = none */
   const struct lod_level_patches *patches; /* or NULL */
 };
 

@@ -29,6 +29,7 @@ struct plan {
   double errors[LOD_RETILE_MAX_LEVELS]; /* model units; 0 = none */
   uint32_t level_count;
   bool by_error; /* counts say nothing */
+  bool asked;    /* counts are what somebody asked for */
 };
 
 /* Lines that no triangle crosses (borders, seams) take vertices before any surface is left to share: a level with fewer vertices than lets
@@ -101,7 +102,7 @@ static enum lod_status plan_ladder(const struct lod_unit *units, uint32_t unit_c
 
 static enum lod_status plan_levels(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s,
                                    struct lod_arena *scratch, struct plan *plan) {
-  *plan = (struct plan){.level_count = s->level_count, .by_error = s->vertices == NULL && s->errors != NULL};
+  *plan = (struct plan){.level_count = s->level_count, .by_error = s->vertices == NULL && s->errors != NULL, .asked = s->vertices != NULL};
   if (s->vertices == NULL && s->errors == NULL)
     return plan_ladder(units, unit_count, s, scratch, plan);
   if (s->vertices != NULL)
@@ -133,21 +134,32 @@ static enum lod_status build_unit(const struct lod_unit *unit, double share, con
   return lod_retile_create(&unit->mesh, &s, progress, arena, retile, problem);
 }
 
-static enum lod_status emit(const struct lod_retile *retiles, const struct lod_unit *units, uint32_t unit_count, uint32_t level_count,
+static enum lod_status emit(const struct lod_retile *retiles, const struct lod_unit *units, uint32_t unit_count, const struct plan *plan,
                             struct lod_arena *arena, lod_level_sink *sink, void *sink_context) {
   struct lod_mesh *meshes;
   uint32_t **parents;
   RETILE_TRY_NEW(meshes, arena, unit_count);
   RETILE_TRY_NEW(parents, arena, unit_count);
-  for (uint32_t k = level_count; k-- > 0;) {
+  for (uint32_t k = plan->level_count; k-- > 0;) {
     double bound = 0, expected = 0;
+    uint64_t candidates = 0, retained = 0;
     for (uint32_t u = 0; u < unit_count; u++) {
       bound = fmax(bound, retiles[u].levels[k].bound * units[u].scale);
       expected = fmax(expected, retiles[u].levels[k].missed * units[u].scale);
+      candidates += retiles[u].levels[k].candidates;
+      retained += retiles[u].levels[k].retained;
       meshes[u] = retiles[u].levels[k].mesh;
       parents[u] = retiles[u].levels[k].parents;
     }
-    struct lod_level level = {.meshes = meshes, .parents = k + 1 < level_count ? parents : NULL, .bound = bound, .expected = expected};
+    struct lod_level level = {.meshes = meshes,
+                              .parents = k + 1 < plan->level_count ? parents : NULL,
+                              .bound = bound,
+                              .apart = true,
+                              .counted = true,
+                              .asked = plan->asked ? plan->counts[k] : 0,
+                              .candidates = candidates,
+                              .retained = retained,
+                              .expected = expected};
     LOD_TRY(sink(sink_context, &level));
   }
   return LOD_OK;
@@ -172,7 +184,7 @@ static enum lod_status build(const struct lod_unit *units, uint32_t unit_count, 
     status = build_unit(&units[u], area > 0 ? unit_area(&units[u]) / area : 1.0 / unit_count, &settings, &plan, progress, scratch,
                         &retiles[u], problem);
   if (status == LOD_OK)
-    status = emit(retiles, units, unit_count, plan.level_count, scratch, sink, sink_context);
+    status = emit(retiles, units, unit_count, &plan, scratch, sink, sink_context);
   lod_arena_destroy(scratch);
   return status;
 }

@@ -552,6 +552,7 @@ static enum lod_status build_family(struct bake *bake, uint32_t index) {
                                       .level_count = family->level_count,
                                       .made = job.made,
                                       .source_levels = SOURCE_LEVELS,
+                                      .maps = family->family == &lod_retile_family,
                                       .directory_fd = bake->request->directory_fd,
                                       .progress = bake->request->progress};
   return lod_deltas_bake(&deltas, bake->arena, bake->problem);

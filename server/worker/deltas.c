@@ -6,6 +6,7 @@
 
 #include "codec/export/glb.h"
 #include "codec/stream/units.h"
+#include "core/mesh/overlay.h"
 
 /* ---- vertices by their place ---- */
 
@@ -304,15 +305,35 @@ static enum lod_status append(uint8_t **all, size_t *size, const uint8_t *bytes,
   return LOD_OK;
 }
 
+/* The map that a client makes of a step, from the same meshes: how many coarse triangles have none. What is mapped is proven anew; a map
+ * that fails this counts as none. */
+static enum lod_status check_map(const struct lod_mesh *base, const struct lod_delta_level *level, struct lod_arena *arena,
+                                 struct lod_baked_delta *delta) {
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  struct lod_overlay overlay;
+  struct lod_overlay_facts facts;
+  if (scratch == NULL)
+    return LOD_MEMORY;
+  enum lod_status status = lod_overlay_create(base, &level->mesh, level->kept, NULL, scratch, &overlay, NULL);
+  if (status == LOD_OK)
+    status = lod_overlay_check(&overlay, base, &level->mesh, level->kept, scratch, &facts);
+  if (status == LOD_OK)
+    delta->unmapped += facts.valid ? overlay.failed : base->triangle_count;
+  delta->overlaid = status == LOD_OK;
+  lod_arena_destroy(scratch);
+  return status == LOD_MEMORY ? status : LOD_OK;
+}
+
+/* maps: where to tell of the map; or NULL. */
 static enum lod_status check_frame(const uint8_t *bytes, size_t size, const struct lod_mesh *base, const struct places *fine,
-                                   struct lod_arena *arena, struct lod_problem *problem) {
+                                   struct lod_arena *arena, struct lod_baked_delta *maps, struct lod_problem *problem) {
   struct lod_delta_level level;
   bool same;
   LOD_TRY(lod_delta_decode(bytes, size, base, NULL, arena, &level, problem));
   LOD_TRY(compare_meshes(&level.mesh, fine, arena, &same));
   if (!same)
     return lod_fail(problem, LOD_BAD_INPUT, "delta-differs", "A delta does not decode to the level that it was made of: this is a bug.");
-  return LOD_OK;
+  return base == NULL || maps == NULL ? LOD_OK : check_map(base, &level, arena, maps);
 }
 
 /* Decodes all units of a stream and compares what they are together. */
@@ -392,7 +413,7 @@ static enum lod_status encode_step(const struct lod_deltas_request *request, con
       return LOD_OK;
     }
     LOD_TRY(status);
-    LOD_TRY(check_frame(bytes, count, frame.base, &fine->places[u], arena, problem));
+    LOD_TRY(check_frame(bytes, count, frame.base, &fine->places[u], arena, request->maps ? delta : NULL, problem));
     LOD_TRY(append(all, size, bytes, count, arena));
     LOD_TRY(write_units(request, &frame, &fine->places[u], arena, delta, problem));
   }

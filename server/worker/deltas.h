@@ -12,6 +12,7 @@ struct lod_deltas_request {
    * quantisation; parents lead to the level before. */
   const struct lod_level *made;
   uint32_t source_levels;
+  bool maps; /* the family promises flat maps: those of the decoded levels are made, proven and told of (lod_baked_delta.unmapped) */
   int directory_fd;
   const struct lod_progress *progress; /* may be NULL: only asked whether to stop */
 };

@@ -146,6 +146,10 @@ static enum lod_status begin_trial(const struct lod_level_baker *baker, const st
                                    struct lod_arena *arena, struct trial *trial, struct lod_problem *problem) {
   *trial = (struct trial){.arena = lod_arena_create_child(arena)};
   trial->result = (struct lod_baked_level){.cell = level->cell,
+                                           .counted = level->counted,
+                                           .asked = level->asked,
+                                           .candidates = level->candidates,
+                                           .retained = level->retained,
                                            .has_drift = level->has_drift,
                                            .uv_drift = level->uv_drift,
                                            .normal_drift = level->normal_drift,
@@ -204,6 +208,54 @@ static enum lod_status bake_to_target(const struct lod_level_baker *baker, const
   return keep_trial(baker, &best, arena, baked, problem);
 }
 
+struct cell {
+  int32_t at[3];
+};
+
+static int compare_cells(const void *a, const void *b) {
+  return memcmp(a, b, sizeof(struct cell));
+}
+
+/* Vertices that fall onto another one's place on the grid of this precision. */
+static enum lod_status count_merges(const struct lod_level_baker *baker, const struct lod_level *level, double quantisation,
+                                    struct lod_arena *arena, uint64_t *merges) {
+  *merges = 0;
+  for (uint32_t u = 0; u < baker->model->unit_count; u++) {
+    const struct lod_mesh *mesh = &level->meshes[u];
+    const struct lod_draco_grid grid = lod_glb_grid(mesh, quantisation / baker->model->units[u].scale);
+    struct lod_arena *scratch = lod_arena_create_child(arena);
+    struct cell *cells = scratch == NULL ? NULL : LOD_NEW(scratch, mesh->vertex_count, struct cell);
+    for (uint32_t v = 0; cells != NULL && v < mesh->vertex_count; v++)
+      for (int i = 0; i < 3; i++)
+        cells[v].at[i] = lod_draco_grid_index(&grid, i, mesh->positions[v][i]);
+    if (cells != NULL)
+      qsort(cells, mesh->vertex_count, sizeof *cells, compare_cells);
+    for (uint32_t v = 1; cells != NULL && v < mesh->vertex_count; v++)
+      *merges += compare_cells(&cells[v - 1], &cells[v]) == 0;
+    bool ok = cells != NULL;
+    lod_arena_destroy(scratch);
+    if (!ok)
+      return LOD_MEMORY;
+  }
+  return LOD_OK;
+}
+
+/* The coarsest of this precision and finer ones at which as few vertices merge as at the finest: a level that keeps its source's topology
+ * keeps it when it is decoded, and the map onto the finer level, too. */
+static enum lod_status keep_apart(const struct lod_level_baker *baker, const struct lod_level *level, double least, struct lod_arena *arena,
+                                  double *quantisation) {
+  uint64_t merges, fewest;
+  LOD_TRY(count_merges(baker, level, *quantisation, arena, &merges));
+  if (merges == 0)
+    return LOD_OK;
+  LOD_TRY(count_merges(baker, level, least, arena, &fewest));
+  while (merges > fewest && *quantisation > least) {
+    *quantisation = fmax(least, *quantisation / 2);
+    LOD_TRY(count_merges(baker, level, *quantisation, arena, &merges));
+  }
+  return LOD_OK;
+}
+
 enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
                                struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem) {
   if (level->target > 0 && !(position_error > 0))
@@ -216,11 +268,14 @@ enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct
   enum { ATTEMPTS = 3 };
   for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
     struct trial trial;
+    double wanted = quantisation;
+    if (level->apart && keep_apart(baker, level, least, arena, &quantisation) != LOD_OK)
+      return lod_fail_memory(problem);
     LOD_TRY(begin_trial(baker, level, quantisation, arena, &trial, problem));
     double upper = trial.result.error.upper;
     bool good = position_error > 0 || 4 * quantisation <= upper || quantisation <= least || attempt == ATTEMPTS - 1;
     /* A family without a bound of its own was only measured: now its error is known. */
-    if (!isfinite(level->bound) && attempt == 0 && position_error <= 0 && 8 * quantisation < upper)
+    if (!isfinite(level->bound) && attempt == 0 && position_error <= 0 && quantisation == wanted && 8 * quantisation < upper)
       good = false;
     if (good)
       return keep_trial(baker, &trial, arena, baked, problem);

@@ -17,6 +17,8 @@ struct lod_part_figures {
 struct lod_baked_delta {
   size_t size;
   char object[LOD_HASH_HEX + 1];
+  bool overlaid;     /* the map of the step, between levels as they are decoded, was made and checked ... */
+  uint64_t unmapped; /* ... and so many triangles of the coarser level are not mapped one to one */
   /* The same step in patches that can be decoded one by one (codec/stream/units.h), where it is large enough; size 0 = it is not. */
   struct {
     size_t size, first; /* bytes of all; of the index and the frame behind it */
@@ -29,7 +31,8 @@ struct lod_baked_level {
   uint64_t vertices, triangles, edges, points; /* as decoded; instances not counted */
   struct lod_interval error;                   /* certified, model units, quantisation and import rounding included */
   double cell;
-  bool has_drift; /* as lod_level */
+  bool counted, has_drift; /* as lod_level, and so are the next */
+  uint64_t asked, candidates, retained;
   double uv_drift, normal_drift, uv_bound, normal_bound;
   uint8_t *bytes; /* the GLB */
   size_t size;

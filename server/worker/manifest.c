@@ -69,6 +69,12 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index, c
   json_object_set_new(json, "error_lower", lower_bound(level->error.lower));
   if (level->cell > 0)
     json_object_set_new(json, "cell", json_real(level->cell));
+  if (level->counted) {
+    json_object_set_new(json, "candidates", json_integer((json_int_t)level->candidates));
+    json_object_set_new(json, "retained", json_integer((json_int_t)level->retained));
+  }
+  if (level->asked != 0)
+    json_object_set_new(json, "vertices_asked", json_integer((json_int_t)level->asked));
   if (level->has_drift)
     json_object_set_new(json, "drift", drift_json(level, model));
   json_object_set_new(json, "bytes", json_integer((json_int_t)level->size));
@@ -88,6 +94,8 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index, c
                           json_pack("{sI sI sI ss ss}", "units", (json_int_t)level->delta.units.count, "first",
                                     (json_int_t)level->delta.units.first, "bytes", (json_int_t)level->delta.units.size, "object",
                                     level->delta.units.object, "type", LOD_UNITS_TYPE));
+    if (level->delta.overlaid)
+      json_object_set_new(delta, "unmapped", json_integer((json_int_t)level->delta.unmapped));
     json_object_set_new(json, "delta", delta);
   }
   if (level->first.size != 0)

@@ -47,56 +47,96 @@ static void set_word(struct lod_retile_settings *s, const struct word *word) {
   }
 }
 
-static bool set_number(struct lod_retile_settings *s, const char *key, double value) {
-  const struct {
-    const char *name;
-    double *real;
-    uint32_t *whole;
-  } numbers[] = {
-      {"adapt", &s->adapt, NULL}, {"anisotropy", &s->anisotropy, NULL}, {"lead", &s->lead, NULL},       {"settle", NULL, &s->settle},
-      {"prune", &s->prune, NULL}, {"steps", NULL, &s->steps},           {"damping", &s->damping, NULL}, {"radius", &s->radius, NULL},
-      {"flips", NULL, &s->flips}, {"crease", &s->crease_degrees, NULL}, {"ratio", &s->ratio, NULL},     {"least", NULL, &s->least},
+struct number {
+  const char *key;
+  double least, most;
+  double *real;
+  uint32_t *whole;
+  uint64_t *large;
+};
+enum { NUMBERS = 15 };
+
+/* The ranges are those of retile_check_settings. */
+static void list_numbers(struct lod_retile_settings *s, struct number numbers[NUMBERS]) {
+  const struct number all[NUMBERS] = {
+      {"adapt", 1, 100, &s->adapt, NULL, NULL},
+      {"anisotropy", 0, 100, &s->anisotropy, NULL, NULL},
+      {"lead", 0, 0.9, &s->lead, NULL, NULL},
+      {"settle", 0, 1000, NULL, &s->settle, NULL},
+      {"prune", 0, 1000, &s->prune, NULL, NULL},
+      {"steps", 0, 10000, NULL, &s->steps, NULL},
+      {"damping", 0, 1, &s->damping, NULL, NULL},
+      {"radius", 0, 10, &s->radius, NULL, NULL},
+      {"flips", 0, 1000, NULL, &s->flips, NULL},
+      {"crease", 0, 180, &s->crease_degrees, NULL, NULL},
+      {"corner", 0, 180, &s->corner_degrees, NULL, NULL},
+      {"ratio", 1.1, 1000, &s->ratio, NULL, NULL},
+      {"least", 4, 1e6, NULL, &s->least, NULL},
+      {"finest", 1e-4, 100, &s->finest_error, NULL, NULL}, /* percent */
+      {"seed", 0, 9e15, NULL, NULL, &s->seed},
   };
-  if (strcmp(key, "seed") == 0 && value >= 0 && value < 9e15 && value == floor(value)) {
-    s->seed = (uint64_t)value;
-    return true;
-  }
-  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
-    if (strcmp(key, numbers[i].name) == 0) {
-      if (numbers[i].real != NULL)
-        *numbers[i].real = value;
-      else if (value >= 0 && value <= 1e6 && value == floor(value))
-        *numbers[i].whole = (uint32_t)value;
-      else
-        return false;
-      return true;
-    }
-  return false;
+  memcpy(numbers, all, sizeof all);
+}
+
+static enum lod_status set_number(const struct number *number, const char *option, const char *text, struct lod_problem *problem) {
+  char *end;
+  double value = strtod(text, &end);
+  bool whole = number->real == NULL;
+  if (end == text || *end != '\0' || !(value >= number->least && value <= number->most) || (whole && value != floor(value)))
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-retile-option", "%.80s: expected a %s from %.15g to %.15g%s.", option,
+                    whole ? "whole number" : "number", number->least, number->most,
+                    strcmp(number->key, "finest") == 0 ? ", percent of the diagonal" : "");
+  if (number->real != NULL)
+    *number->real = strcmp(number->key, "finest") == 0 ? value / 100 : value;
+  else if (number->whole != NULL)
+    *number->whole = (uint32_t)value;
+  else
+    *number->large = (uint64_t)value;
+  return LOD_OK;
+}
+
+/* The key is one of words, the value none of its. */
+static enum lod_status refuse_word(const char *option, const char *key, struct lod_problem *problem) {
+  char known[120] = "";
+  for (size_t i = 0; i < sizeof kWords / sizeof *kWords; i++)
+    if (strcmp(key, kWords[i].key) == 0)
+      snprintf(known + strlen(known), sizeof known - strlen(known), "%s%s", known[0] == '\0' ? "" : ", ", kWords[i].value);
+  return lod_fail(problem, LOD_BAD_INPUT, "bad-retile-option", "%.80s: expected one of %s.", option, known);
 }
 
 enum lod_status lod_retile_recipe_option(const char *option, struct lod_retile_settings *settings, struct lod_problem *problem) {
   const char *equals = strchr(option, '=');
   char key[32] = "";
-  if (equals != NULL && (size_t)(equals - option) < sizeof key) {
+  bool word = false;
+  if (equals != NULL && (size_t)(equals - option) < sizeof key)
     memcpy(key, option, (size_t)(equals - option));
-    if (strcmp(option, "mode=turk") == 0) {
-      struct lod_retile_settings turk = lod_retile_turk();
-      turk.threads = settings->threads;
-      *settings = turk;
+  if (strcmp(option, "mode=turk") == 0) {
+    struct lod_retile_settings turk = lod_retile_turk();
+    turk.threads = settings->threads;
+    *settings = turk;
+    return LOD_OK;
+  }
+  for (size_t i = 0; i < sizeof kWords / sizeof *kWords; i++) {
+    if (strcmp(key, kWords[i].key) != 0)
+      continue;
+    word = true;
+    if (strcmp(equals + 1, kWords[i].value) == 0) {
+      set_word(settings, &kWords[i]);
       return LOD_OK;
     }
-    for (size_t i = 0; i < sizeof kWords / sizeof *kWords; i++)
-      if (strcmp(key, kWords[i].key) == 0 && strcmp(equals + 1, kWords[i].value) == 0) {
-        set_word(settings, &kWords[i]);
-        return LOD_OK;
-      }
-    char *end;
-    double value = strtod(equals + 1, &end);
-    if (end != equals + 1 && *end == '\0' && isfinite(value) && set_number(settings, key, value))
-      return LOD_OK;
   }
-  return lod_fail(problem, LOD_BAD_INPUT, "bad-retile-option", "Re-tiling knows no \"%.60s\"; it takes key=value as its help says.",
-                  option);
+  if (word)
+    return refuse_word(option, key, problem);
+  struct number numbers[NUMBERS];
+  list_numbers(settings, numbers);
+  for (size_t i = 0; i < NUMBERS; i++)
+    if (strcmp(key, numbers[i].key) == 0)
+      return set_number(&numbers[i], option, equals + 1, problem);
+  return lod_fail(
+      problem, LOD_BAD_INPUT, "bad-retile-option",
+      "%.80s: retile knows mode=turk, placement, curvature, measure, projection, and by number adapt, anisotropy, lead, settle, "
+      "prune, steps, damping, radius, flips, crease, corner, ratio, least, finest, seed.",
+      option);
 }
 
 enum lod_status lod_retile_recipe(const struct lod_bake_request *request, const double *errors, uint32_t error_count,

@@ -8,7 +8,7 @@
 
 /* Sets what "key=value" says, for `lodestream bake --retile`: mode=turk, placement=elimination|turk, curvature=none|tensor|turk,
  * measure=cost|length|angle, projection=polar|planes, and by number adapt, anisotropy, lead, settle, prune, steps, damping, radius, flips,
- * crease, seed, ratio, least. LOD_BAD_INPUT for anything else; values are checked when the family is built. */
+ * crease, corner, ratio, least, finest (percent of the diagonal), seed. LOD_BAD_INPUT for anything else, which says what was expected. */
 LOD_WARN_UNUSED enum lod_status lod_retile_recipe_option(const char *option, struct lod_retile_settings *settings,
                                                          struct lod_problem *problem);
 

@@ -142,6 +142,22 @@ test('envelope levels that nest come with steps between them, and its options ar
   }
 });
 
+test('re-tiled levels tell of their vertices and maps, and options are checked', async () => {
+  const { families } = await facts('bake', model, '-o', 'retiled', '--family', 'retile', '--vertices', '3,60,200');
+  const asked = families.retile.levels.filter((level) => level.vertices_asked);
+  assert.deepEqual(asked.map((level) => level.vertices_asked), [3, 60, 200]);
+  for (const level of asked) assert.equal(level.candidates + level.retained, level.vertices);
+  assert.ok(asked[0].vertices >= 4); // no closed surface has three
+  assert.deepEqual(asked.slice(0, 2).map((level) => level.delta.unmapped), [0, 0]);
+  for (const [option, words] of [['lead=2', /lead=2: expected a number from 0 to 0\.9/], ['steps=1.5', /steps=1\.5: expected a whole number from 0 to 10000/],
+    ['finest=0', /finest=0: expected a number from 0\.0001 to 100, percent/], ['measure=area', /measure=area: expected one of cost, length, angle/],
+    ['ratio=', /ratio=: expected a number from 1\.1 to 1000/], ['depth=3', /depth=3: retile knows mode=turk/], ['steps', /steps: retile knows/]]) {
+    const { status, stderr } = await lodestream('bake', model, '-o', 'wrong', '--family', 'retile', '--retile', option);
+    assert.equal(status, USAGE, option);
+    assert.match(stderr, words);
+  }
+});
+
 test('every command explains itself and says its version', async () => {
   const version = fs.readFileSync(path.join(build, '../../VERSION'), 'utf8').trim();
   for (const command of [[], ...commands.map((name) => [name])]) {

@@ -61,6 +61,7 @@ static void bake(const struct family *family, const int *order, uint32_t count, 
                                        .level_count = count,
                                        .made = family->made,
                                        .source_levels = SOURCES,
+                                       .maps = true,
                                        .directory_fd = open(folder, O_RDONLY | O_DIRECTORY)};
   assert_true(request.directory_fd >= 0);
   for (uint32_t i = 0; i < count; i++)
@@ -81,8 +82,11 @@ static void every_step_of_a_nested_family_has_a_delta(void **state) {
   make(&family);
   bake(&family, (const int[]){3, 2, 1, 0}, 4, levels);
   assert_true(levels[0].first.size > 0);
-  for (int i = 0; i < 3; i++)
+  for (int i = 0; i < 3; i++) {
     assert_true(levels[i].delta.size > 0 && levels[i].delta.size < levels[i + 1].size);
+    assert_true(levels[i].delta.overlaid); /* the map between the two as they are decoded */
+    assert_int_equal(levels[i].delta.unmapped, 0);
+  }
 }
 
 /* Levels are ordered by their certified errors: one with fewer vertices may come after one with more, against the family's maps. */
