@@ -278,6 +278,8 @@ static enum lod_status trace_loops(struct overlay_work *w) {
       uint32_t p = l.half_edges[k], begin = w->step_count;
       bool reached;
       LOD_TRY(walk_boundary(w, p, at, &reached));
+      if (!reached)
+        break; /* the finer loop passes a vertex twice, where one of the paths just placed runs: the rest goes edge by edge */
       uint32_t last = w->steps[w->step_count - 1];
       overlay_place_along(w, p, begin);
       overlay_join_fans(w, p, at);

@@ -170,6 +170,40 @@ static void an_edge_of_three_triangles_is_kept(void **state) {
   lod_arena_destroy(arena);
 }
 
+/* A strip bent around until the middles of its ends meet in one vertex, which its border passes twice and the coarser level has not. */
+static void a_border_that_passes_a_vertex_twice_is_no_crash(void **state) {
+  (void)state;
+  struct lod_arena *arena = lod_arena_create(0);
+  enum { BENDS = 12, STRIP = 2 * BENDS, PINCH = STRIP };
+  float positions[STRIP + 1][3] = {{0}};
+  uint32_t coarse_triangles[STRIP - 2][3], fine_triangles[STRIP][3], parents[STRIP], count = 0;
+  for (uint32_t i = 0; i < BENDS; i++) /* inner and outer corners by turns */
+    for (uint32_t side = 0; side < 2; side++) {
+      double angle = 0.1 + 6.08 * i / (BENDS - 1);
+      positions[2 * i + side][0] = (float)((1 + side) * cos(angle));
+      positions[2 * i + side][1] = (float)((1 + side) * sin(angle));
+      parents[2 * i + side] = 2 * i + side;
+    }
+  positions[PINCH][0] = 1.5f;
+  for (uint32_t v = 0; v + 2 < STRIP; v++) {
+    const uint32_t t[3] = {v, v % 2 == 0 ? v + 1 : v + 2, v % 2 == 0 ? v + 2 : v + 1};
+    memcpy(coarse_triangles[v], t, sizeof t);
+    if (v != 0 && v + 3 != STRIP) {
+      memcpy(fine_triangles[count++], t, sizeof t);
+      continue;
+    }
+    uint32_t a = v == 0 ? 0 : STRIP - 2, b = v == 0 ? 1 : STRIP - 1; /* the end, which is cut in two */
+    for (uint32_t half = 0; half < 2; half++, count++)
+      for (int k = 0; k < 3; k++)
+        fine_triangles[count][k] = t[k] == (half == 0 ? a : b) ? PINCH : t[k];
+  }
+  struct lod_mesh fine = {.vertex_count = STRIP + 1, .triangle_count = count, .positions = positions, .triangles = fine_triangles};
+  struct lod_mesh coarse = {.vertex_count = STRIP, .triangle_count = STRIP - 2, .positions = positions, .triangles = coarse_triangles};
+  uint32_t failed = check_step("pinched strip", &coarse, &fine, parents, false, arena);
+  assert_true(failed >= 1 && failed <= 2); /* one path at most runs through the vertex */
+  lod_arena_destroy(arena);
+}
+
 /* A torus cannot be mapped onto a sphere: what is left says so, and the rest is still valid. */
 static void levels_of_different_topology_say_so(void **state) {
   (void)state;
@@ -308,6 +342,7 @@ int main(void) {
       cmocka_unit_test(a_square_is_cut_along_its_diagonal),
       cmocka_unit_test(shapes_of_every_kind_are_mapped_whole),
       cmocka_unit_test(an_edge_of_three_triangles_is_kept),
+      cmocka_unit_test(a_border_that_passes_a_vertex_twice_is_no_crash),
       cmocka_unit_test(levels_of_different_topology_say_so),
       cmocka_unit_test(wrong_parents_are_bad_input),
       cmocka_unit_test(the_check_sees_a_moved_point),
