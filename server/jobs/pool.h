@@ -1,13 +1,20 @@
 /* Warm workers for what somebody waits for: refinements and contact points. One thread and one jailed process each, started beforehand and
  * kept; a bounded queue before them, a deadline on each request, and a new worker for every one that dies.
  *
- * Frames (frame.h) after {"job":"refine","memory_bytes":N} as the first 'J':
- *   daemon -> worker  'Q'
- * {"kind":"refine"|"contact","base":SHA-256,"base_bytes":N,"values_bytes":N,"max_triangles":N,"parameters":{name:value}} 'V' the values'
- * bytes (little-endian floats), in as many frames as it takes 'B' the base's bytes, after an 'N' 'X' stop what you do; an idle worker
- * passes over it worker -> daemon  'N' the base is not here 'R' facts {"bytes":N,...}, then 'G' the answer's N bytes, in as many frames as
- * it takes 'F' failed {"status":"bad-input","type":"bad-parameter","detail":"...","parameter":"eye"} Each 'Q' is answered by one 'R' or one
- * 'F'. Anything else ends the worker. */
+ * Frames (frame.h) after {"job":"refine","memory_bytes":N} as the first 'J'. From the daemon:
+ *
+ * - 'Q' {"kind":"refine"|"contact","base":SHA-256,"base_bytes":N,"values_bytes":N,"max_triangles":N,"parameters":{name:value}}
+ * - 'V' the values' bytes (little-endian floats), in as many frames as it takes
+ * - 'B' the base's bytes, after an 'N'
+ * - 'X' stop what you do; may come before the 'B's that were asked for, and an idle worker passes over it
+ *
+ * From the worker:
+ *
+ * - 'N' {}: the base is not here
+ * - 'R' facts {"bytes":N,...}, then 'G' the answer's N bytes, in as many frames as it takes
+ * - 'F' failed {"status":"bad-input","type":"bad-parameter","detail":"...","parameter":"eye"}
+ *
+ * Each 'Q' is answered by one 'R' or one 'F'. Anything else ends the worker. */
 #ifndef LOD_SERVER_JOBS_POOL_H
 #define LOD_SERVER_JOBS_POOL_H
 

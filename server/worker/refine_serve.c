@@ -21,6 +21,7 @@ struct serving {
   struct lod_frame_reader reader;
   uint64_t memory_bytes, requests;
   struct kept kept[KEPT_BASES];
+  bool stop; /* the request at hand was cancelled while its base or values came */
   bool gone; /* the socket ended, or what came over it is no sense */
 };
 
@@ -58,9 +59,9 @@ static bool next_frame(struct serving *s, char *type) {
 
 /* Anything that arrives while a request is worked on tells to stop. */
 static bool told_to_stop(void *context) {
+  const struct serving *s = context;
   struct pollfd fd = {LOD_WORKER_SOCKET_FD, POLLIN, 0};
-  (void)context;
-  return poll(&fd, 1, 0) > 0;
+  return s->stop || poll(&fd, 1, 0) > 0;
 }
 
 /* The next request of many comes within this once an answer is out; waiting for it costs nobody anything. */
@@ -69,12 +70,18 @@ static bool nobody_asks(void) {
   return poll(&fd, 1, 3) == 0;
 }
 
-/* Bytes that follow in frames of one type; NULL: memory, or something else came. */
+/* Bytes that follow in frames of one type; NULL: memory, or something else came. The daemon may have said to stop before it saw that they
+ * were asked for: it sends them all the same, so they are taken, and serve the next request. */
 static uint8_t *receive(struct serving *s, char type, size_t size) {
   uint8_t *bytes = malloc(size + 1);
   for (size_t at = 0; bytes != NULL && at < size;) {
     char got;
-    if (!next_frame(s, &got) || got != type || s->reader.payload_size > size - at || s->reader.payload_size == 0) {
+    const bool came = next_frame(s, &got);
+    if (came && got == 'X') {
+      s->stop = true;
+      continue;
+    }
+    if (!came || got != type || s->reader.payload_size > size - at || s->reader.payload_size == 0) {
       s->gone = true;
       free(bytes);
       return NULL;
@@ -206,6 +213,7 @@ static bool answer(struct serving *s) {
   asked.values_bytes = count_of(asked.json, "values_bytes");
   asked.max_triangles = count_of(asked.json, "max_triangles");
   s->requests++;
+  s->stop = false;
   if (asked.kind == NULL || asked.base == NULL || asked.base_bytes > BASE_MAX_BYTES || asked.values_bytes > BASE_MAX_BYTES) {
     json_decref(asked.json);
     return false;

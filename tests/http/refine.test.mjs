@@ -183,7 +183,7 @@ test('the least recently used answers go when the bound is reached', async () =>
 });
 
 test('equal requests that are under way are one job, and one that leaves does not take it from the others', async () => {
-  const own = await baked({ refine: 1 });
+  const own = await baked({ refine: 1, flags: ['--refine-seconds', String(10 * slow)] });
   try {
     const ask = (args = []) => own.curl('/v1/models/ring/refine?doi=uniform&steps=10&max_triangles=300000', args);
     const answers = await Promise.all([ask(['-m', '0.05']), ask(), ask(), ask()]);
