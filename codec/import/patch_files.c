@@ -1,13 +1,16 @@
 /* Text files of Bezier patches: .bpt (count; degrees and points a patch), Geomview's .bez and .bbp, SurfLab's BezierView .bv.
  *
- * Based on: Geomview manual, BEZ (BEZuvn: degrees u and v, dimension n; BBP is BEZ333); BezierView file format (kinds 1: polyhedron, 3:
- * triangular, 4: tensor of one degree, 5: of two, 8: rational of two). Degrees are checked before points are counted, and points against
- * the bytes that are left before memory is taken for them. */
+ * Based on: Geomview manual, BEZ (BEZuvn: degrees u and v, dimension n; BBP is BEZ333); SurfLab, University of Florida: BezierView's data
+ * format, 2003 (kinds 1: polyhedron, 3: triangular, 4: tensor of one degree, 5: of two, 8: rational of two, 9 and 10: triangular and tensor
+ * with normals, which are left out). A polyhedron's face is an n-sided patch: of three corners a linear triangle, of four a bilinear
+ * tensor, of more the triangles that cut it up. Degrees are checked before points are counted, and points against the bytes that are left
+ * before memory is taken for them. */
 #include <ctype.h>
 #include <string.h>
 
 #include "codec/import/number.h"
 #include "codec/import/spline.h"
+#include "core/mesh/triangulate.h"
 
 struct text {
   struct lod_reader *reader;
@@ -95,7 +98,7 @@ static enum lod_status read_bpt(struct text *text) {
   return LOD_OK;
 }
 
-/* [C][ST]BEZuvn or [C][ST]BBP */
+/* [C][ST]BEZuvn[_ST] or [C][ST]BBP */
 static enum lod_status read_bez(struct text *text) {
   skip_blank(text);
   const char *word = text->at;
@@ -103,7 +106,9 @@ static enum lod_status read_bez(struct text *text) {
     text->at++;
   size_t length = (size_t)(text->at - word);
   uint32_t degree[2] = {3, 3}, dimension = 3;
-  bool colours = false, uv = false;
+  bool colours = false, uv = text->end - text->at >= 3 && memcmp(text->at, "_ST", 3) == 0;
+  if (uv)
+    text->at += 3;
   if (length > 0 && *word == 'C') {
     colours = true;
     word++, length--;
@@ -134,9 +139,105 @@ static enum lod_status read_bez(struct text *text) {
   return LOD_OK;
 }
 
-static enum lod_status skip_polyhedron(struct text *text) {
-  return lod_reader_fail(text->reader, LOD_UNSUPPORTED, "patch-kind", "line %llu: polyhedra (kind 1) in BezierView files are not read",
-                         (unsigned long long)text->line);
+struct polyhedron {
+  struct lod_vec3 *points;
+  float (*positions)[3]; /* the same, for triangulation */
+  uint32_t count;
+};
+
+static enum lod_status add_flat(struct text *text, const struct polyhedron *solid, bool triangle, const uint32_t *corners) {
+  static const uint32_t kLinear[2] = {1, 1};
+  uint32_t count = lod_spline_point_count(triangle, kLinear);
+  struct lod_spline_point *points = LOD_NEW(text->reader->scratch, count, struct lod_spline_point);
+  if (!points)
+    return lod_reader_memory(text->reader);
+  for (uint32_t i = 0; i < count; i++)
+    points[i] = (struct lod_spline_point){solid->points[corners[i]].x, solid->points[corners[i]].y, solid->points[corners[i]].z, 1};
+  return lod_splines_add(&text->splines, triangle, kLinear, points, text->line);
+}
+
+static enum lod_status read_face(struct text *text, const struct polyhedron *solid) {
+  struct lod_reader *reader = text->reader;
+  uint32_t size = 0;
+  LOD_TRY(next_count(text, "the number of a face's corners", 1e6, &size));
+  if (size < 3 || (size_t)(text->end - text->at) < 2 * (size_t)size - 1)
+    return lod_reader_bad(reader, size < 3 ? "bad-syntax" : "truncated", "line %llu has a face of %u corners, which %s",
+                          (unsigned long long)text->line, size, size < 3 ? "is none" : "there are not enough bytes for");
+  uint32_t *corners = LOD_NEW(reader->scratch, size, uint32_t);
+  if (!corners)
+    return lod_reader_memory(reader);
+  for (uint32_t i = 0; i < size; i++) {
+    LOD_TRY(next_count(text, "a vertex of a face", 4e9, &corners[i]));
+    if (corners[i] >= solid->count)
+      return lod_reader_bad(reader, "index-out-of-range", "line %llu names vertex %u of %u", (unsigned long long)text->line, corners[i],
+                            solid->count);
+  }
+  if (size == 4) { /* around the face: (0, 0), (1, 0), (1, 1), (0, 1) */
+    const uint32_t rows[4] = {corners[0], corners[3], corners[1], corners[2]};
+    return add_flat(text, solid, false, rows);
+  }
+  uint32_t(*triangles)[3] = lod_arena_alloc(reader->scratch, size - 2, sizeof *triangles);
+  if (!triangles ||
+      lod_triangulate_polygon((const float(*)[3])solid->positions, corners, &size, 1, reader->scratch, triangles, NULL) != LOD_OK)
+    return lod_reader_memory(reader);
+  for (uint32_t t = 0; t < size - 2; t++) { /* a patch's first row runs against its far corner's turn: spline.h */
+    const uint32_t cut[3] = {corners[triangles[t][2]], corners[triangles[t][1]], corners[triangles[t][0]]};
+    LOD_TRY(add_flat(text, solid, true, cut));
+  }
+  return LOD_OK;
+}
+
+static enum lod_status read_polyhedron(struct text *text) {
+  struct lod_reader *reader = text->reader;
+  struct polyhedron solid = {0};
+  uint32_t faces = 0;
+  LOD_TRY(next_count(text, "the number of vertices", 4e9, &solid.count));
+  LOD_TRY(next_count(text, "the number of faces", 4e9, &faces));
+  if ((size_t)(text->end - text->at) / 6 + 1 < (size_t)solid.count || (size_t)(text->end - text->at) / 8 < (size_t)faces)
+    return lod_reader_bad(reader, "truncated",
+                          "the polyhedron in line %llu has %u vertices and %u faces, for which there are not enough bytes",
+                          (unsigned long long)text->line, solid.count, faces);
+  solid.points = LOD_NEW(reader->scratch, (size_t)solid.count + 1, struct lod_vec3);
+  solid.positions = lod_arena_alloc(reader->scratch, (size_t)solid.count + 1, sizeof *solid.positions);
+  if (!solid.points || !solid.positions)
+    return lod_reader_memory(reader);
+  for (uint32_t v = 0; v < solid.count; v++) {
+    double x[3];
+    for (int axis = 0; axis < 3; axis++) {
+      LOD_TRY(next_number(text, "a coordinate", &x[axis]));
+      if (!(x[axis] > -1e30 && x[axis] < 1e30))
+        return lod_reader_bad(reader, "non-finite", "line %llu has a coordinate that is not a finite number",
+                              (unsigned long long)text->line);
+    }
+    solid.points[v] = (struct lod_vec3){x[0], x[1], x[2]};
+    lod_vec3_to_float(solid.points[v], solid.positions[v]);
+  }
+  for (uint32_t f = 0; f < faces; f++)
+    LOD_TRY(read_face(text, &solid));
+  return LOD_OK;
+}
+
+/* Kinds 9 and 10 give normals of degrees of their own behind the points: what the points say is the surface. */
+static enum lod_status skip_normals(struct text *text, bool triangle, const uint32_t degree[2]) {
+  double ignored;
+  for (uint32_t i = 0, count = 3 * lod_spline_point_count(triangle, degree); i < count; i++)
+    LOD_TRY(next_number(text, "a normal", &ignored));
+  return LOD_OK;
+}
+
+static enum lod_status read_bv_patch(struct text *text, uint32_t kind) {
+  bool two = kind == 5 || kind == 8 || kind == 10, triangle = kind == 3 || kind == 9, has_normals = kind >= 9;
+  uint32_t degree[2] = {0, 0}, normal[2] = {0, 0};
+  LOD_TRY(next_count(text, "a degree", 1000, &degree[0]));
+  degree[1] = degree[0];
+  if (two)
+    LOD_TRY(next_count(text, "a degree", 1000, &degree[1]));
+  for (int i = 0; has_normals && i < (two ? 2 : 1); i++) {
+    LOD_TRY(next_count(text, "a degree of normals", 100, &normal[i]));
+    normal[1] = i == 0 ? normal[0] : normal[1];
+  }
+  LOD_TRY(next_patch(text, triangle, degree, kind == 8));
+  return has_normals ? skip_normals(text, triangle, normal) : LOD_OK;
 }
 
 static enum lod_status read_bv(struct text *text) {
@@ -146,18 +247,16 @@ static enum lod_status read_bv(struct text *text) {
         text->at++;
       continue;
     }
-    uint32_t kind = 0, degree[2] = {0, 0};
+    uint32_t kind = 0;
     LOD_TRY(next_count(text, "a kind of patch", 1000, &kind));
     if (kind == 1)
-      return skip_polyhedron(text);
-    if (kind != 3 && kind != 4 && kind != 5 && kind != 8)
-      return lod_reader_fail(text->reader, LOD_UNSUPPORTED, "patch-kind", "line %llu: patches of kind %u are not read; 3, 4, 5 and 8 are",
-                             (unsigned long long)text->line, kind);
-    LOD_TRY(next_count(text, "a degree", 1000, &degree[0]));
-    degree[1] = degree[0];
-    if (kind == 5 || kind == 8)
-      LOD_TRY(next_count(text, "a degree", 1000, &degree[1]));
-    LOD_TRY(next_patch(text, kind == 3, degree, kind == 8));
+      LOD_TRY(read_polyhedron(text));
+    else if (kind == 3 || kind == 4 || kind == 5 || kind == 8 || kind == 9 || kind == 10)
+      LOD_TRY(read_bv_patch(text, kind));
+    else
+      return lod_reader_fail(text->reader, LOD_UNSUPPORTED, "patch-kind",
+                             "line %llu: patches of kind %u are not read; 1, 3, 4, 5, 8, 9 and 10 are", (unsigned long long)text->line,
+                             kind);
   }
   return LOD_OK;
 }

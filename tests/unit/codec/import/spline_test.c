@@ -46,6 +46,59 @@ static void a_parabola_is_met_within_the_rounding_told(void **state) {
   test_import_end(&i);
 }
 
+/* A house: four walls, two gables of five corners, one of which is cut into triangles with a corner that comes first, a floor and roofs. */
+static void a_polyhedron_of_n_gons_is_read_with_patches(void **state) {
+  (void)state;
+  static const char kHouse[] = "Group 1 house\n1\n10 7\n0 0 0\n2 0 0\n2 0 1\n1 0 2\n0 0 1\n0 3 0\n2 3 0\n2 3 1\n1 3 2\n0 3 1\n"
+                               "5 0 1 2 3 4\n5 9 8 7 6 5\n4 0 5 6 1\n4 1 6 7 2\n4 2 7 8 3\n4 3 8 9 4\n4 4 9 5 0\n";
+  struct test_import i = import_text(kHouse, "house.bv");
+  test_expect_ok(&i);
+  const struct lod_mesh *mesh = &i.model.units[0].mesh;
+  assert_int_equal(mesh->triangle_count, 2 * 3 + 5 * 2);
+  assert_int_equal(mesh->vertex_count, 10);
+  double volume = 0; /* closed, and turned outwards: 2 * 1 * 3 below, 1 * 3 under the roof */
+  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+    struct lod_vec3 p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = lod_vec3_from_float(mesh->positions[mesh->triangles[t][k]]);
+    volume += lod_vec3_dot(p[0], lod_vec3_cross(p[1], p[2])) / 6;
+  }
+  assert_true(fabs(fabs(volume) - 9) < 1e-9);
+  test_import_end(&i);
+  /* A face that is not convex: an L of area 3. */
+  i = import_text("1 6 1  0 0 0  2 0 0  2 1 0  1 1 0  1 2 0  0 2 0  6 0 1 2 3 4 5\n", "l.bv");
+  test_expect_ok(&i);
+  double area = 0;
+  mesh = &i.model.units[0].mesh;
+  for (uint32_t t = 0; t < mesh->triangle_count; t++) {
+    const uint32_t *c = mesh->triangles[t];
+    struct lod_vec3 a = lod_vec3_from_float(mesh->positions[c[0]]);
+    struct lod_vec3 n = lod_vec3_cross(lod_vec3_subtract(lod_vec3_from_float(mesh->positions[c[1]]), a),
+                                       lod_vec3_subtract(lod_vec3_from_float(mesh->positions[c[2]]), a));
+    assert_true(n.z > 0);
+    area += n.z / 2;
+  }
+  assert_true(fabs(area - 3) < 1e-9);
+  test_import_end(&i);
+  expect("1\n3 1\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "a.bv", "index-out-of-range", "line 6 names vertex 3 of 3");
+  expect("1\n3 1\n0 0 0\n1 0 0\n0 1 0\n2 0 1 \n\n\n\n", "a.bv", "bad-syntax", "line 6");
+  expect("1\n3 1\n0 0 0\n1 0 0\n0 1 0\n99 0 1 2\n", "a.bv", "truncated", "99 corners");
+  expect("1\n4000000000 1\n0 0 0\n", "a.bv", "truncated", "line 2");
+  expect("1\n3 1\n0 0 0\n1 inf 0\n0 1 0\n3 0 1 2\n", "a.bv", "non-finite", "line 4");
+}
+
+/* The same quarter with the normals that kinds 9 and 10 add is the same surface. */
+static void normals_behind_points_are_passed_over(void **state) {
+  (void)state;
+  struct test_import i = import_text("9\n1 2\n0 0 0\n1 0 0\n0 1 0\n 0 0 1 0 0 1 0 0 1 0 0 1 0 0 1 0 0 1\n"
+                                     "10\n1 1 1 2\n1 0 0\n1 1 0\n2 0 0\n2 1 0\n0 0 1 0 0 1 0 0 1 0 0 1 0 0 1 0 0 1\n",
+                                     "pn.bv");
+  test_expect_ok(&i);
+  assert_int_equal(i.model.units[0].mesh.triangle_count, 3);
+  test_import_end(&i);
+  expect("9\n1 1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 0\n", "a.bv", "truncated", "a normal");
+}
+
 static void a_patch_file_needs_no_ending(void **state) {
   (void)state;
   struct test_import i = import_text("\n1 \r\n1 1\r\n0 0 0\r\n0 1 0\n1 0 0\n1 1 0\n", "upload");
@@ -193,6 +246,7 @@ static void what_is_wrong_is_told_by_line(void **state) {
   expect("0\n", "a.bpt", "empty", "no patches");
   expect("8 1 1\n0 0 0 1\n1 0 0 1\n0 1 0 0\n1 1 0 1\n", "a.bv", "patch-weight", "line 5");
   expect("7 1 1\n", "a.bv", "patch-kind", "line 1");
+  expect("BEZ113_ST\n0 0 0 1 0 0 0 1 0 1 1 0\n0 0 1 0 0 1 1\n", "a.bez", "truncated", "a texture coordinate");
   expect("WorldBegin\nPatch \"bicubic\" \"P\" [0 0 0]\n", "a.rib", "bad-syntax", "line 2");
   expect("TransformEnd\n", "a.rib", "bad-syntax", "line 1");
   expect("\nTrimCurve [1] [3] [0 0 0 1 1 1] [0] [1] [3] [0 0 0] [0 0 0] [1 1 1]\n", "a.rib", "trimmed-nurbs", "line 2");
@@ -313,6 +367,8 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_bilinear_patch_is_two_triangles),
       cmocka_unit_test(a_parabola_is_met_within_the_rounding_told),
+      cmocka_unit_test(a_polyhedron_of_n_gons_is_read_with_patches),
+      cmocka_unit_test(normals_behind_points_are_passed_over),
       cmocka_unit_test(a_patch_file_needs_no_ending),
       cmocka_unit_test(patches_that_share_an_edge_share_its_vertices),
       cmocka_unit_test(a_collapsed_side_leaves_no_flat_triangle),

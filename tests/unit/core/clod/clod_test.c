@@ -1,11 +1,12 @@
 /* C-LODs of meshes that one can draw.
  *
  * The checklist of the paper (shared algorithms.md, 1.3), where each line is shown:
- * P3-1 polygons here; tensor and triangular patches of degrees 1 to 9, rational too: codec/import/spline_test; n-sided patches are not
- * read. P3-2 every_triangle_becomes_a_patch; curvature and size are taken when asked for (order by size: search.c), not stored. P3-3, P3-5
- * bezier_test (splits, merges), the_papers_merges_undo_splits. P3-4 coplanarity at corners is kept by fit.c; edge continuity decides in
- * search.c; affine pairs: dynamic_test (strict patches). P3-6, P3-7 every_triangle_becomes_a_patch, a_cube_keeps_its_twelve_edges. P3-8,
- * P3-9 bezier_test (refined centre). P3-10 spline_test, charts_say_where_triangles_lie_on_their_patches. P3-11 to P3-18, P3-22
+ * P3-1 polygons here; tensor and triangular patches of degrees 1 to 9, rational too: codec/import/spline_test, and faces of n
+ * corners, which are cut into such patches (no format that is read has curved patches of five sides or more). P3-2
+ * every_triangle_becomes_a_patch; curvature and size are taken when asked for (order by size: search.c), not stored. P3-3, P3-5 bezier_test
+ * (splits, merges), the_papers_merges_undo_splits. P3-4 coplanarity at corners is kept by fit.c; edge continuity decides in search.c;
+ * affine pairs: dynamic_test (strict patches). P3-6, P3-7 every_triangle_becomes_a_patch, a_cube_keeps_its_twelve_edges. P3-8, P3-9
+ * bezier_test (refined centre). P3-10 spline_test, charts_say_where_triangles_lie_on_their_patches. P3-11 to P3-18, P3-22
  * the_papers_search_finds_all_its_patterns (3T is argued away by the paper; of swaps the estimate is blind). P3-19
  * all_levels_live_in_one_structure. P3-20 the angle is relaxed; several swaps at once and moving control points towards planes are not
  * built: lod_clod_simplify has no use for them. P3-21 (i) here; (ii), (iii) tessellate_test. P3-23 dynamic_test, tessellate_test, web
