@@ -154,7 +154,7 @@ WASM_lodestream := clients/web/src/wasm/module.c core/base/arena.c core/base/sta
 WASM_refine := clients/web/src/wasm/refine.c core/base/arena.c core/base/status.c core/mesh/mesh.c core/mesh/adjacency.c \
  core/mesh/feature.c core/mesh/triangle_distance.c $(filter-out core/refine/plain.c core/refine/stepwise.c core/refine/uniform.c,$(wildcard core/refine/*.c))
 WASM_clod := clients/web/src/wasm/clod.c core/base/arena.c core/base/status.c core/mesh/mesh.c core/mesh/adjacency.c \
- $(addprefix core/clod/,bezier.c cone.c dynamic.c evaluate.c gregory.c halve.c pattern.c patches.c) \
+ $(addprefix core/clod/,attributes.c bezier.c cone.c dynamic.c evaluate.c gregory.c halve.c pattern.c patches.c) \
  $(addprefix codec/stream/,patches.c coder.c connectivity.c cut.c bytes.c)
 WASM_CC := clang --target=wasm32-wasi
 WASM_FLAGS := -std=c17 -I. -D_GNU_SOURCE -DNDEBUG -O3 -msimd128 -ffp-contract=off -fno-math-errno -fno-strict-aliasing -ffunction-sections $(WARN)

@@ -29,6 +29,7 @@ struct job {
   struct lod_problem *problem;
   int32_t (*cells)[3];
   uint32_t *parent; /* union-find over corners */
+  double uv_step;
 };
 
 static enum lod_status bad(const struct job *job, const char *what) {
@@ -362,6 +363,144 @@ static enum lod_status code_centres(struct job *job) {
   return LOD_OK;
 }
 
+/* ---- UVs and colours ---- */
+
+enum { COLOR_STEPS = 255 };
+static const double kUvStep = 0x1p-12;
+
+struct channels {
+  struct lod_patch_attributes *out;
+  uint32_t *group; /* corner -> wedge of the stream */
+  bool *jump;      /* edge */
+  float low[LOD_PATCH_NUMBERS], step[LOD_PATCH_NUMBERS];
+  int32_t (*cells)[LOD_PATCH_NUMBERS]; /* of groups */
+};
+
+static float code_float(struct job *job, float value) {
+  uint32_t bits;
+  memcpy(&bits, &value, sizeof bits);
+  bits = lod_coder_raw(&job->coder, bits >> 16, 16) << 16 | lod_coder_raw(&job->coder, bits & 0xFFFF, 16);
+  memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+static const float *given_numbers(const struct job *job, uint32_t corner) {
+  uint32_t half = job->given_half[corner];
+  return lod_patch_attributes_at(&job->given->attributes, half / 3, half % 3);
+}
+
+/* Which there are; their least values and steps. */
+static enum lod_status code_channels(struct job *job, struct channels *c) {
+  const struct lod_patch_attributes *given = job->given == NULL ? NULL : &job->given->attributes;
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    c->out->has_uv[set] = lod_coder_raw(&job->coder, given != NULL && given->has_uv[set], 1) != 0;
+  c->out->has_colors = lod_coder_raw(&job->coder, given != NULL && given->has_colors, 1) != 0;
+  c->out->width = lod_patch_attributes_width(c->out->has_uv, c->out->has_colors);
+  uint32_t first_color = c->out->width - (c->out->has_colors ? 4 : 0);
+  for (uint32_t i = 0; i < c->out->width; i++) {
+    double low = INFINITY, high = -INFINITY;
+    for (uint32_t h = 0; given != NULL && h < 3 * job->header.patches; h++) {
+      low = fmin(low, (double)given_numbers(job, h)[i]);
+      high = fmax(high, (double)given_numbers(job, h)[i]);
+    }
+    double step = i >= first_color ? 1.0 / COLOR_STEPS : job->uv_step > 0 ? job->uv_step : kUvStep;
+    c->low[i] = code_float(job, given == NULL ? 0 : (float)low);
+    c->step[i] = code_float(job, given == NULL ? 0 : (float)fmax(step, (high - low) / (MAX_CELL - 2)));
+    if (!(fabsf(c->low[i]) < 1e30f && c->step[i] > 0 && c->step[i] < 1e30f))
+      return bad(job, "the range of its UVs or colours");
+  }
+  return LOD_OK;
+}
+
+/* Edges across which numbers jump, and the groups of corners between them. */
+static enum lod_status code_jumps(struct job *job, struct channels *c) {
+  uint32_t corners = 3 * job->header.patches;
+  struct lod_bit_model models[2][3] = {{{0}}};
+  uint8_t *seen = LOD_NEW_ZERO(job->scratch, job->out.vertex_count, uint8_t);
+  c->jump = LOD_NEW_ZERO(job->scratch, job->out.edge_count, bool);
+  c->group = LOD_NEW(job->scratch, corners, uint32_t);
+  if (seen == NULL || c->jump == NULL || c->group == NULL)
+    return LOD_MEMORY;
+  for (uint32_t h = 0; h < corners; h++)
+    job->parent[h] = h;
+  for (uint32_t h = 0; h < corners; h++) {
+    uint32_t side = job->out.edges[h / 3][h % 3], edge = side >> 1, other = job->out.partners[h / 3][h % 3];
+    if ((side & 1) != 0 || other == LOD_NONE)
+      continue;
+    const uint32_t *ends = job->out.ends[edge];
+    int bit = job->given != NULL &&
+              lod_patch_attributes_jump(&job->given->attributes, job->given_half[h] / 3, job->given_half[h] % 3, job->given_half[other]);
+    c->jump[edge] = lod_coder_bit(&job->coder, &models[job->out.sharp[edge]][seen[ends[0]] + seen[ends[1]]], LOD_ADAPT, bit) != 0;
+    for (int i = 0; i < 2 && c->jump[edge]; i++)
+      seen[ends[i]] = 1;
+    if (c->jump[edge])
+      continue;
+    lod_sets_join(job->parent, h, lod_half_edge_next(other));
+    lod_sets_join(job->parent, lod_half_edge_next(h), other);
+  }
+  for (uint32_t h = 0; h < corners; h++) {
+    uint32_t root = lod_sets_find(job->parent, h);
+    c->group[h] = root == h ? c->out->count++ : c->group[root];
+    c->out->corners[h / 3][h % 3] = c->group[h];
+  }
+  return LOD_OK;
+}
+
+/* Patch by patch; a group's numbers are known once its first corner came. */
+static void expect_numbers(const struct job *job, const struct channels *c, uint32_t h, const bool *known, int64_t *expected) {
+  uint32_t p = h / 3, k = h % 3, a = c->group[3 * p + (k + 1) % 3], b = c->group[3 * p + (k + 2) % 3], side = (k + 1) % 3;
+  uint32_t over = job->out.partners[p][side], far = LOD_NONE;
+  if (over != LOD_NONE && !c->jump[job->out.edges[p][side] >> 1])
+    far = c->group[over / 3 * 3 + (over % 3 + 2) % 3];
+  for (uint32_t i = 0; i < c->out->width; i++) {
+    if (known[a] && known[b] && far != LOD_NONE && known[far])
+      expected[i] = (int64_t)c->cells[a][i] + c->cells[b][i] - c->cells[far][i];
+    else
+      expected[i] = known[a] ? c->cells[a][i] : known[b] ? c->cells[b][i] : 0;
+  }
+}
+
+static enum lod_status code_numbers(struct job *job, struct channels *c) {
+  struct signed_model *models = lod_arena_calloc(job->scratch, LOD_PATCH_NUMBERS, sizeof *models);
+  bool *known = LOD_NEW_ZERO(job->scratch, c->out->count, bool);
+  c->cells = lod_arena_calloc(job->scratch, c->out->count, sizeof *c->cells);
+  c->out->values = LOD_NEW(job->arena, (size_t)c->out->count * c->out->width, float);
+  if (models == NULL || known == NULL || c->cells == NULL || c->out->values == NULL)
+    return LOD_MEMORY;
+  for (uint32_t h = 0; h < 3 * job->header.patches; h++) {
+    uint32_t group = c->group[h];
+    int64_t expected[LOD_PATCH_NUMBERS];
+    if (known[group])
+      continue;
+    expect_numbers(job, c, h, known, expected);
+    for (uint32_t i = 0; i < c->out->width; i++) {
+      int64_t value = expected[i];
+      int32_t given = 0;
+      if (job->given != NULL)
+        given = steps_of((double)given_numbers(job, h)[i] - (double)c->low[i], (double)c->step[i]) - (int32_t)expected[i];
+      value += code_signed(job, &models[i], given);
+      if (value < 0 || value > MAX_CELL)
+        return bad(job, "a UV or a colour lies outside of its range");
+      c->cells[group][i] = (int32_t)value;
+      c->out->values[(size_t)group * c->out->width + i] = (float)((double)c->low[i] + (double)c->step[i] * (double)value);
+    }
+    known[group] = true;
+    if (lod_coder_overrun(&job->coder))
+      return bad(job, "it ends early");
+  }
+  return LOD_OK;
+}
+
+static enum lod_status code_attributes(struct job *job) {
+  struct channels c = {.out = &job->out.attributes};
+  c.out->corners = lod_arena_alloc(job->arena, job->header.patches, sizeof *c.out->corners);
+  if (c.out->corners == NULL)
+    return LOD_MEMORY;
+  LOD_TRY(code_channels(job, &c));
+  LOD_TRY(code_jumps(job, &c));
+  return code_numbers(job, &c);
+}
+
 static enum lod_status code_all(struct job *job) {
   LOD_TRY(code_connectivity(job));
   LOD_TRY(code_sharp(job));
@@ -372,7 +511,8 @@ static enum lod_status code_all(struct job *job) {
   LOD_TRY(code_corners(job));
   LOD_TRY(code_normals(job));
   LOD_TRY(code_edges(job));
-  return code_centres(job);
+  LOD_TRY(code_centres(job));
+  return job->header.version < 2 ? LOD_OK : code_attributes(job);
 }
 
 /* ---- frames ---- */
@@ -409,6 +549,8 @@ static enum lod_status encode(struct job *job, const struct lod_patches_encode_r
   job->header.unit_count = request->unit_count;
   job->header.error = (float)request->error;
   job->header.patches = patches->patch_count;
+  job->header.version = patches->attributes.corners == NULL ? 1 : 2;
+  job->uv_step = request->uv_step;
   struct lod_cut cut;
   LOD_TRY(lod_cut_create((const uint32_t(*)[3])patches->corners, patches->patch_count, patches->vertex_count, job->scratch, &cut));
   job->header.vertices = cut.vertex_count;
@@ -426,7 +568,7 @@ static enum lod_status encode(struct job *job, const struct lod_patches_encode_r
   struct lod_writer w = {*bytes};
   memcpy(w.at, kMagic, sizeof kMagic);
   w.at += sizeof kMagic;
-  lod_write_fixed(&w, LOD_PATCHES_VERSION, 1);
+  lod_write_fixed(&w, job->header.version, 1);
   lod_write_varint(&w, job->header.unit);
   lod_write_varint(&w, job->header.unit_count);
   lod_write_varint(&w, job->header.vertices);
@@ -452,10 +594,10 @@ static enum lod_status read_header(const uint8_t *bytes, size_t size, struct lod
   if (memcmp(bytes, kMagic, sizeof kMagic) != 0)
     return lod_fail(problem, LOD_BAD_INPUT, "patches", "A patch stream begins with the letters LODP; these bytes do not.");
   r.at += sizeof kMagic;
-  uint32_t version = lod_read_fixed(&r, 1);
-  if (version != LOD_PATCHES_VERSION)
-    return lod_fail(problem, LOD_UNSUPPORTED, "patches-version", "A patch stream has version %u; version %d is known.", version,
-                    LOD_PATCHES_VERSION);
+  header->version = lod_read_fixed(&r, 1);
+  if (header->version < 1 || header->version > LOD_PATCHES_VERSION)
+    return lod_fail(problem, LOD_UNSUPPORTED, "patches-version", "A patch stream has version %u; versions 1 to %d are known.",
+                    header->version, LOD_PATCHES_VERSION);
   header->unit = lod_read_varint(&r);
   header->unit_count = lod_read_varint(&r);
   header->vertices = lod_read_varint(&r);

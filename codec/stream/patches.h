@@ -4,7 +4,8 @@
  * each as its difference from a parallelogram; a normal for each sector (corners that hang together over edges that are not sharp), as its
  * difference from the mean of the flat patches; of each edge the differences of its two inner points from the rule that follows from
  * corners and normals (lod_bezier_inner_rule), in a frame of tangent and normal; of each patch that of its centre from
- * lod_bezier_set_centre. Most differences are 0 or small multiples of the step.
+ * lod_bezier_set_centre. Most differences are 0 or small multiples of the step. Last, where there are any, UVs and colours: which edges
+ * they jump across, and for each group of corners between such edges each number, in steps of its own, from a parallelogram.
  *
  * The step bounds what quantisation moves: no control point by more than sqrt(3)/2 steps, so by the convex hull no point of the surface
  * either. codec/FORMAT.md, section 7, describes every byte. Decoding needs integers, + - * / and sqrt alone: the same bits everywhere.
@@ -19,7 +20,8 @@
 
 #define LOD_PATCHES_TYPE "application/vnd.lodestream.patches"
 
-enum { LOD_PATCHES_VERSION = 1 };
+/* Frames without UVs and colours have version 1, others 2. */
+enum { LOD_PATCHES_VERSION = 2 };
 
 struct lod_patches_header {
   uint32_t unit, unit_count; /* which of the model's units, of how many */
@@ -27,6 +29,7 @@ struct lod_patches_header {
   float origin[3], step;
   float error; /* certified bound of the model's two-sided distance to the source that was known when this was written, model units; 0 =
                   not told. The manifest's may be less */
+  uint32_t version;
   size_t size; /* of the frame: frames follow one another */
 };
 
@@ -35,6 +38,7 @@ struct lod_patches_encode_request {
   uint32_t unit, unit_count;
   double step; /* > 0, units of the patches; made larger where coordinates would need more than 24 bits */
   double error;
+  double uv_step; /* of UVs; 0: 2^-12 */
 };
 
 /* One frame in `arena`. LOD_BAD_INPUT where patches are not fit; LOD_MEMORY. */

@@ -425,6 +425,8 @@ enum lod_status lod_clod_create_charts(const struct lod_mesh *mesh, const struct
   if (mesh->triangle_count >= 1u << 28 || charts->count >= 1u << 28)
     return lod_fail(problem, LOD_LIMIT, "limit-triangles", "More than 2^28 triangles cannot become curved patches.");
   struct lod_clod *c = clod_begin(mesh, settings, arena);
+  if (c != NULL) /* no spline file that is read has any */
+    c->attributes = (struct lod_patch_attributes){0};
   struct maker m = {.clod = c, .mesh = mesh, .charts = charts, .scratch = lod_arena_create_child(arena), .suitable = true};
   enum lod_status status = LOD_MEMORY;
   if (c != NULL && m.scratch != NULL)

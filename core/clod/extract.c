@@ -102,6 +102,7 @@ static enum lod_status extract(const struct lod_clod *clod, uint32_t number, str
   patches->normal_count = number_used(maps.sector, clod->sector_count);
   LOD_TRY(allocate(patches, clod, arena));
   fill(clod, number, &maps, patches);
+  LOD_TRY(clod_attributes_extract(clod, number, arena, scratch, &patches->attributes, patches->patch_count));
   if (error != NULL)
     *error = worst;
   return lod_patches_find_partners(patches, scratch);

@@ -14,8 +14,16 @@ struct halving {
   uint32_t *middle; /* vertex in the middle of a marked edge */
   uint32_t
       *sector; /* of the middle, seen from the patch along; that of the patch against is the same or, where the edge is sharp, the next */
+  uint32_t (*wedge)[2]; /* of the middle of a marked edge, seen from the patch along it, and from that against it; or NULL */
   uint32_t next_edge, next_patch;
 };
+
+static uint32_t wedge_of(const struct halving *h, uint32_t p, uint32_t c) {
+  if (c < 3)
+    return h->from->attributes.corners[p][c];
+  uint32_t side = h->from->edges[p][c - 3];
+  return h->wedge[side >> 1][side & 1];
+}
 
 /* Corners of a patch are 0, 1, 2; middles of its sides 3, 4, 5. */
 static struct lod_barycentric place_of(uint32_t c) {
@@ -62,6 +70,8 @@ static void add_patch(struct halving *h, uint32_t p, const struct lod_bezier *ne
     uint32_t a = c[k], b = c[(k + 1) % 3], side = outer_side(h, p, a, b);
     to->corners[q][k] = vertex_of(h, p, a);
     to->sectors[q][k] = sector_of(h, p, a);
+    if (to->attributes.corners != NULL)
+      to->attributes.corners[q][k] = wedge_of(h, p, a);
     for (uint32_t i = 0; side == LOD_NONE && i < inside->count; i++)
       if (inside->from[i] == b && inside->to[i] == a)
         side = 2 * inside->edge[i] + 1;
@@ -182,6 +192,40 @@ static void add_normals(struct halving *h) {
   }
 }
 
+/* Numbers in the middles of marked edges, twice where they jump. */
+static enum lod_status halve_attributes(struct halving *h, struct lod_arena *arena, struct lod_arena *scratch) {
+  const struct lod_patches *from = h->from;
+  const struct lod_patch_attributes *a = &from->attributes;
+  struct lod_patch_attributes *to = &h->to->attributes;
+  *to = *a;
+  if (a->corners == NULL)
+    return LOD_OK;
+  size_t room = a->count;
+  for (uint32_t e = 0; e < from->edge_count; e++)
+    room += h->marks[e] ? 2 : 0;
+  to->corners = lod_arena_alloc(arena, h->to->patch_count, sizeof *to->corners);
+  to->values = LOD_NEW(arena, room * a->width, float);
+  h->wedge = lod_arena_alloc(scratch, from->edge_count, sizeof *h->wedge);
+  if (to->corners == NULL || to->values == NULL || h->wedge == NULL)
+    return LOD_MEMORY;
+  memcpy(to->values, a->values, (size_t)a->count * a->width * sizeof *a->values);
+  for (uint32_t p = 0; p < from->patch_count; p++)
+    for (uint32_t k = 0; k < 3; k++) {
+      uint32_t side = from->edges[p][k], other = from->partners[p][k], *mine = &h->wedge[side >> 1][side & 1];
+      double at[3] = {0, 0, 0};
+      if (!h->marks[side >> 1])
+        continue;
+      if (other != LOD_NONE && other < 3 * p + k && !lod_patch_attributes_jump(a, p, k, other)) {
+        *mine = h->wedge[side >> 1][1 - (side & 1)];
+        continue;
+      }
+      at[k] = at[(k + 1) % 3] = 0.5;
+      *mine = to->count++;
+      lod_patch_attributes_mix(a, p, at, to->values + (size_t)a->width * *mine);
+    }
+  return LOD_OK;
+}
+
 static enum lod_status halve(struct halving *h, struct lod_arena *arena, struct lod_arena *scratch) {
   const struct lod_patches *from = h->from;
   uint64_t vertices = from->vertex_count, edges = from->edge_count, patches = from->patch_count, normals = from->normal_count;
@@ -209,6 +253,7 @@ static enum lod_status halve(struct halving *h, struct lod_arena *arena, struct 
   uint32_t next_vertex = from->vertex_count, next_normal = from->normal_count;
   copy_edges(h, &next_vertex, &next_normal);
   add_normals(h);
+  LOD_TRY(halve_attributes(h, arena, scratch));
   for (uint32_t p = 0; p < from->patch_count; p++)
     cut_patch(h, p);
   return lod_patches_find_partners(h->to, scratch);

@@ -41,10 +41,12 @@ static bool collect(const struct lod_clod *clod, uint32_t half, bool open, struc
     polygon->old[polygon->old_count++] = at;
     uint32_t next = following_half(at);
     polygon->ring[polygon->size] = start_of(clod, next);
+    polygon->wedges[polygon->size] = clod->patches[at / 3].wedges[next % 3];
     polygon->sectors[polygon->size++] = clod->patches[at / 3].sectors[next % 3];
     uint32_t last = previous_half(at);
     if (open && (edge_of(clod, last)->flags & CLOD_LINE) != 0) {
       polygon->ring[polygon->size] = start_of(clod, last);
+      polygon->wedges[polygon->size] = clod->patches[at / 3].wedges[last % 3];
       polygon->sectors[polygon->size++] = clod->patches[at / 3].sectors[last % 3];
       break;
     }

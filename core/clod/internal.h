@@ -38,6 +38,8 @@ struct clod_patch {
   uint32_t corners[3], sides[3] /* 2 * edge + against */, sectors[3];
   uint32_t born, died; /* C-LOD numbers; died UINT32_MAX = lives */
   uint32_t material, part;
+  uint32_t wedges[3]; /* of the source, whose UVs and colours the corners have; 0 where there are none */
+  float off[2];       /* attributes.h: how far UVs and colours are off, rounded up */
   uint32_t node_count, cell_count;
   struct lod_vec3 centre;
   double bound, estimate;  /* certified; the paper's */
@@ -72,6 +74,8 @@ struct lod_clod {
   uint32_t edge_count, edge_room, patch_count, patch_room, sector_count;
   uint32_t living_patches, living_vertices, number;
   double rounding, magnitude;
+  struct lod_patch_attributes attributes; /* which there are; no values */
+  double uv_length, color_length;         /* what a difference of 1 counts as, model units */
 
   /* Overlay points: the source's vertices first, then points where source edges cross edges of patches. */
   struct lod_vec3 *points;
@@ -135,7 +139,7 @@ struct clod_polygon {
   uint32_t size, old_count;
   uint32_t old[CLOD_RING];  /* 3 * patch + corner of the vertex */
   uint32_t ring[CLOD_RING]; /* vertices */
-  uint32_t sectors[CLOD_RING];
+  uint32_t sectors[CLOD_RING], wedges[CLOD_RING];
   double x[CLOD_RING][2];
   /* Result: triangles of ring numbers, counter-clockwise, and diagonals (the line's new edge first, when open). */
   uint32_t triangle_count, diagonal_count;
@@ -155,10 +159,12 @@ struct clod_hole {
   double line_t;          /* parameter of the vertex on the new line, from ring 0 of halves[0] */
   struct lod_bezier nets[CLOD_HALVES][CLOD_RING];
   double bounds[CLOD_HALVES][CLOD_RING], estimates[CLOD_HALVES][CLOD_RING];
-  double bound;
-  bool paper;       /* merged by inverse subdivision */
-  uint32_t pair[2]; /* of the merge, vertices; LOD_NONE = none */
-  bool local_used;  /* points were made in the overlay */
+  double offs[CLOD_HALVES][CLOD_RING][2]; /* of UVs and colours */
+  double bound;                           /* of the distance */
+  double cost;                            /* the larger of that and what UVs and colours count as */
+  bool paper;                             /* merged by inverse subdivision */
+  uint32_t pair[2];                       /* of the merge, vertices; LOD_NONE = none */
+  bool local_used;                        /* points were made in the overlay */
   struct clod_local *local;
 };
 
@@ -170,12 +176,25 @@ bool clod_hole_open(const struct lod_clod *clod, uint32_t v, const uint32_t *pai
 
 /* Allocates what removals need, once. */
 LOD_WARN_UNUSED enum lod_status clod_prepare(struct lod_clod *clod);
-/* clod->hole->bound: what removing v would leave; INFINITY when it may not be removed, or would leave more than `limit`. pair: as above,
+/* clod->hole->cost: what removing v would leave; INFINITY when it may not be removed, or would leave more than `limit`. pair: as above,
  * then edges and centres are merged by inverse subdivision; NULL: they are fitted. */
 LOD_WARN_UNUSED enum lod_status clod_try_removal(struct lod_clod *clod, uint32_t v, const uint32_t *pair, bool paper, double limit);
 /* Makes the removal that was tried, or gives it up. */
 LOD_WARN_UNUSED enum lod_status clod_commit(struct lod_clod *clod);
 LOD_WARN_UNUSED enum lod_status clod_give_up(struct lod_clod *clod);
+
+/* ---- slip.c ---- */
+
+/* Which attributes the mesh has, and what differences count as. */
+void clod_attributes_begin(struct lod_clod *clod);
+/* Whether they jump between two half-edges of the source. */
+bool clod_attributes_jump(const struct lod_clod *clod, uint32_t half, uint32_t twin);
+/* How far UVs (length) and colours (component) that are linear between these wedges are from the source's, at most. */
+void clod_attributes_off(const struct lod_clod *clod, const uint32_t wedges[3], const struct clod_node *nodes,
+                         const struct clod_cell *cells, uint32_t cell_count, double off[2]);
+double clod_attributes_cost(const struct lod_clod *clod, const double off[2]);
+LOD_WARN_UNUSED enum lod_status clod_attributes_extract(const struct lod_clod *clod, uint32_t number, struct lod_arena *arena,
+                                                        struct lod_arena *scratch, struct lod_patch_attributes *out, uint32_t patch_count);
 
 /* ---- search.c ---- */
 

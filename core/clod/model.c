@@ -160,6 +160,7 @@ static void add_patch(struct builder *b, uint32_t t) {
   for (uint32_t k = 0; k < 3; k++) {
     patch->corners[k] = b->adjacency.fan_of[3 * t + k];
     patch->sectors[k] = b->sector[3 * t + k];
+    patch->wedges[k] = clod->attributes.width > 0 ? b->mesh->corners[t][k] : 0;
     clod->half[patch->corners[k]] = 3 * b->patch_of[t] + k;
   }
 }
@@ -171,6 +172,8 @@ static uint32_t edge_flags(const struct builder *b, uint32_t h) {
   uint32_t flags = (bits & ~(uint32_t)LOD_FEATURE_UV_SEAM) != 0 ? CLOD_LINE : 0;
   if (!smooth_across(b, h))
     flags |= CLOD_SHARP;
+  if (b->adjacency.twin[h] != LOD_NONE && clod_attributes_jump(b->clod, h, b->adjacency.twin[h]))
+    flags |= CLOD_LINE;
   if (b->adjacency.twin[h] == LOD_NONE)
     flags |= CLOD_LINE | (users > 1 ? CLOD_FIXED : 0);
   return flags;
@@ -464,6 +467,7 @@ struct lod_clod *clod_begin(const struct lod_mesh *mesh, const struct lod_clod_s
   c->pool.arena = arena;
   c->magnitude = lod_mesh_magnitude(mesh);
   c->rounding = lod_tolerance_rounding(c->magnitude);
+  clod_attributes_begin(c);
   return c;
 }
 

@@ -9,6 +9,7 @@
 
 #include "core/base/arena.h"
 #include "core/base/status.h"
+#include "core/clod/attributes.h"
 #include "core/clod/bezier.h"
 #include "core/mesh/mesh.h"
 
@@ -26,6 +27,7 @@ struct lod_patches {
   uint32_t (*partners)[3];     /* patch_count; 3 * patch + side across each side, or LOD_NONE; or NULL = not known */
   uint32_t *materials;         /* patch_count, as lod_mesh; or NULL */
   uint32_t *parts;             /* patch_count, as lod_mesh; or NULL */
+  struct lod_patch_attributes attributes; /* UVs and colours */
 };
 
 /* Gathers the control net of a patch. */

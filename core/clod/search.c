@@ -262,7 +262,7 @@ static enum lod_status merge_all(struct search *s, const struct lod_progress *pr
       break;
     }
     LOD_TRY(clod_try_removal(clod, merge->vertex, merge->pair[0] == LOD_NONE ? NULL : merge->pair, true, s->settings->error));
-    if (isfinite(clod->hole->bound) && clod->hole->bound <= s->settings->error) {
+    if (isfinite(clod->hole->cost) && clod->hole->cost <= s->settings->error) {
       LOD_TRY(clod_commit(clod));
     } else {
       LOD_TRY(clod_give_up(clod));

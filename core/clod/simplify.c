@@ -202,6 +202,23 @@ static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, dou
     }
 }
 
+/* How far UVs and colours of what replaces the hole would be off. */
+static void bound_attributes(const struct lod_clod *clod, struct clod_hole *hole) {
+  hole->cost = hole->bound;
+  for (uint32_t h = 0; h < hole->half_count && isfinite(hole->bound); h++)
+    for (uint32_t i = 0; i < hole->halves[h].triangle_count; i++) {
+      const struct clod_polygon *polygon = &hole->halves[h];
+      struct clod_node *nodes;
+      struct clod_cell *cells;
+      uint32_t node_count, cell_count, wedges[3];
+      clod_local_patch(hole, h, i, &nodes, &node_count, &cells, &cell_count);
+      for (int k = 0; k < 3; k++)
+        wedges[k] = polygon->wedges[polygon->triangles[i][k]];
+      clod_attributes_off(clod, wedges, nodes, cells, cell_count, hole->offs[h][i]);
+      hole->cost = fmax(hole->cost, clod_attributes_cost(clod, hole->offs[h][i]));
+    }
+}
+
 /* ---- folds ---- */
 
 static struct lod_vec3 side_normal(const struct lod_bezier *net, uint32_t k, double t) {
@@ -280,7 +297,7 @@ static bool makes_folds(const struct lod_clod *clod, const struct clod_hole *hol
 
 enum lod_status clod_try_removal(struct lod_clod *clod, uint32_t v, const uint32_t *pair, bool paper, double limit) {
   struct clod_hole *hole = clod->hole;
-  hole->bound = INFINITY;
+  hole->bound = hole->cost = INFINITY;
   hole->paper = paper;
   for (int i = 0; i < 2; i++)
     hole->pair[i] = pair == NULL ? LOD_NONE : pair[i];
@@ -300,6 +317,7 @@ enum lod_status clod_try_removal(struct lod_clod *clod, uint32_t v, const uint32
     fit_patches(clod, hole, limit);
   if (isfinite(hole->bound) && hole->bound <= limit && makes_folds(clod, hole))
     hole->bound = INFINITY;
+  bound_attributes(clod, hole);
   return LOD_OK;
 }
 
@@ -353,6 +371,8 @@ static enum lod_status add_patch(struct lod_clod *clod, struct clod_hole *hole, 
                                .centre = hole->nets[h][i].p[LOD_BEZIER_CENTRE],
                                .bound = hole->bounds[h][i],
                                .estimate = hole->estimates[h][i]};
+  for (int a = 0; a < 2; a++)
+    patch->off[a] = hole->offs[h][i][a] > 0 ? nextafterf((float)hole->offs[h][i][a], INFINITY) : 0;
   struct clod_node *nodes;
   struct clod_cell *cells;
   clod_local_patch(hole, h, i, &nodes, &patch->node_count, &cells, &patch->cell_count);
@@ -367,6 +387,7 @@ static enum lod_status add_patch(struct lod_clod *clod, struct clod_hole *hole, 
     uint32_t corner = polygon->triangles[i][k], name = polygon->sides[i][k];
     patch->corners[k] = polygon->ring[corner];
     patch->sectors[k] = polygon->sectors[corner];
+    patch->wedges[k] = polygon->wedges[corner];
     clod->half[patch->corners[k]] = 3 * p + k;
     if (name < CLOD_RING) {
       patch->sides[k] = outer[name];
@@ -480,16 +501,16 @@ enum lod_status lod_clod_simplify(struct lod_clod *clod, uint32_t patches, doubl
     struct entry top = pop(queue);
     double next = queue->count > 0 ? queue->heap[0].key : INFINITY, enough = fmin(error, fmax(queue->reached, kEase * next));
     LOD_TRY(clod_try_removal(clod, top.vertex, NULL, false, INFINITY));
-    double bound = clod->hole->bound;
-    if (isfinite(bound) && bound <= enough) {
-      queue->reached = fmax(queue->reached, bound);
+    double cost = clod->hole->cost;
+    if (isfinite(cost) && cost <= enough) {
+      queue->reached = fmax(queue->reached, cost);
       LOD_TRY(clod_commit(clod));
-      requeue_ring(clod, bound);
+      requeue_ring(clod, cost);
       continue;
     }
     LOD_TRY(clod_give_up(clod));
-    if (isfinite(bound))
-      push(queue, top.vertex, bound);
+    if (isfinite(cost))
+      push(queue, top.vertex, cost);
   }
   return LOD_OK;
 }

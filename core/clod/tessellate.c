@@ -26,6 +26,7 @@ struct job {
   uint32_t (*edge_wedge)[2]; /* first wedge inside an edge, of either user */
   uint32_t (*corner_wedge)[3];
   uint32_t inside_wedges; /* added to an inside vertex's number: its wedge */
+  bool *split;            /* edge: its users have wedges of their own there */
 };
 
 /* Points are summed in float, less a corner, when that takes no more of the tolerance than this. */
@@ -140,6 +141,12 @@ static void fill_points(const struct job *job, uint32_t p, const struct lod_tess
   if (rounding_of(job, &net) == 0)
     for (uint32_t v = pattern->inner_vertices; v < pattern->vertex_count; v++)
       lod_vec3_to_float(lod_bezier_point(&net, pattern->domain[v]), positions[v - pattern->inner_vertices]);
+  const struct lod_patch_attributes *a = &job->patches->attributes;
+  for (uint32_t v = pattern->inner_vertices; a->corners != NULL && mesh->normals != NULL && v < pattern->vertex_count; v++) {
+    float values[LOD_PATCH_NUMBERS];
+    lod_patch_attributes_mix(a, p, (const double[3]){pattern->domain[v].u, pattern->domain[v].v, pattern->domain[v].w}, values);
+    lod_patch_attributes_scatter(a, values, mesh, job->inside_wedges + job->patch_begin[p] + v - pattern->inner_vertices);
+  }
 }
 
 /* Triangles of a pattern with numbers of vertices, or of wedges. inside: of the first inside vertex. */
@@ -189,27 +196,47 @@ static void add_wedge(struct lod_mesh *mesh, uint32_t vertex, struct lod_vec3 no
   lod_vec3_to_float(normal, mesh->normals[mesh->wedge_count++]);
 }
 
-/* One for each normal of a corner, one a patch where it has none. */
+/* One for each normal of a corner with the same attributes, one a patch where it has none. */
 static enum lod_status add_corner_wedges(struct job *job, struct lod_arena *scratch) {
   const struct lod_patches *patches = job->patches;
+  const struct lod_patch_attributes *a = &patches->attributes;
   struct lod_mesh *mesh = &job->result->mesh;
-  uint32_t *of_normal = LOD_NEW(scratch, patches->normal_count, uint32_t);
-  if (of_normal == NULL)
+  uint32_t *of_normal = LOD_NEW(scratch, patches->normal_count, uint32_t); /* the latest wedge */
+  uint32_t *user = LOD_NEW(scratch, patches->normal_count, uint32_t);      /* and which corner it was made for */
+  if (of_normal == NULL || user == NULL)
     return LOD_MEMORY;
   memset(of_normal, 0xff, patches->normal_count * sizeof *of_normal);
   for (uint32_t p = 0; p < patches->patch_count; p++)
     for (uint32_t k = 0; k < 3; k++) {
       uint32_t sector = patches->sectors[p][k];
-      if (sector != LOD_NONE && of_normal[sector] != LOD_NONE) {
+      if (sector != LOD_NONE && of_normal[sector] != LOD_NONE &&
+          (a->corners == NULL || !lod_patch_attributes_differ(a, a->corners[p][k], a->corners[user[sector] / 3][user[sector] % 3]))) {
         job->corner_wedge[p][k] = of_normal[sector];
         continue;
       }
       job->corner_wedge[p][k] = mesh->wedge_count;
-      if (sector != LOD_NONE)
+      if (sector != LOD_NONE) {
         of_normal[sector] = mesh->wedge_count;
+        user[sector] = 3 * p + k;
+      }
+      if (a->corners != NULL)
+        lod_patch_attributes_scatter(a, lod_patch_attributes_at(a, p, k), mesh, mesh->wedge_count);
       add_wedge(mesh, patches->corners[p][k], lod_evaluate_corner_normal(patches, p, k));
     }
   return LOD_OK;
+}
+
+/* Attributes inside an edge, as the user on side `side` has them. */
+static void add_edge_attributes(const struct job *job, uint32_t e, uint32_t side, uint32_t count) {
+  uint32_t user = job->users[e][side], k = user % 3;
+  for (uint32_t i = 0; i < count; i++) {
+    double t = (i + 1.0) / (count + 1), at[3] = {0, 0, 0};
+    float values[LOD_PATCH_NUMBERS];
+    at[k] = side == 0 ? 1 - t : t;
+    at[(k + 1) % 3] = 1 - at[k];
+    lod_patch_attributes_mix(&job->patches->attributes, user / 3, at, values);
+    lod_patch_attributes_scatter(&job->patches->attributes, values, &job->result->mesh, job->edge_wedge[e][side] + i);
+  }
 }
 
 /* One a vertex, or one a patch where the edge is sharp. Normals at smooth edges are the mean of both patches'. */
@@ -220,37 +247,71 @@ static void add_edge_wedges(struct job *job) {
     uint32_t count = job->result->factors[e] - 1;
     float(*normals[2])[3] = {NULL, NULL};
     for (uint32_t side = 0; side < 2; side++) {
-      bool own = side == 0 || (patches->sharp[e] && job->users[e][0] != LOD_NONE && job->users[e][1] != LOD_NONE);
+      bool own = side == 0 || job->split[e];
       job->edge_wedge[e][side] = own ? mesh->wedge_count : job->edge_wedge[e][0];
       normals[side] = mesh->normals + job->edge_wedge[e][side];
       for (uint32_t i = 0; own && i < count; i++)
         mesh->wedge_vertex[mesh->wedge_count++] = job->edge_begin[e] + i;
     }
-    if (count > 0)
-      lod_evaluate_edge_normals(patches, e, job->users[e], count + 1, LOD_SMOOTH_SHADED, normals);
+    if (count == 0)
+      continue;
+    lod_evaluate_edge_normals(patches, e, job->users[e], count + 1, LOD_SMOOTH_SHADED, normals);
+    if (job->split[e] && !patches->sharp[e])
+      memcpy(normals[1], normals[0], count * sizeof *normals[0]);
+    if (patches->attributes.corners == NULL)
+      continue;
+    uint32_t first = job->users[e][0] == LOD_NONE;
+    add_edge_attributes(job, e, first, count);
+    if (job->split[e])
+      add_edge_attributes(job, e, 1, count);
   }
+}
+
+/* Edges across which normals or attributes jump. */
+static enum lod_status find_split(struct job *job, struct lod_arena *scratch) {
+  const struct lod_patches *patches = job->patches;
+  job->split = LOD_NEW_ZERO(scratch, patches->edge_count, bool);
+  if (job->split == NULL)
+    return LOD_MEMORY;
+  for (uint32_t e = 0; e < patches->edge_count; e++) {
+    uint32_t along = job->users[e][0], against = job->users[e][1];
+    if (along != LOD_NONE && against != LOD_NONE)
+      job->split[e] = patches->sharp[e] || lod_patch_attributes_jump(&patches->attributes, along / 3, along % 3, against);
+  }
+  return LOD_OK;
+}
+
+static bool add_attributes(const struct lod_patch_attributes *a, struct lod_mesh *mesh, size_t room, struct lod_arena *arena) {
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    if (a->has_uv[set] && (mesh->uvs[set] = lod_arena_alloc(arena, room, sizeof *mesh->uvs[set])) == NULL)
+      return false;
+  return !a->has_colors || (mesh->colors = lod_arena_alloc(arena, room, sizeof *mesh->colors)) != NULL;
 }
 
 /* Room for all wedges, normals of corners and of edges; those inside are filled with the points. */
 static enum lod_status add_wedges(struct job *job, struct lod_arena *arena, struct lod_arena *scratch) {
   const struct lod_patches *patches = job->patches;
   struct lod_mesh *mesh = &job->result->mesh;
-  size_t room = (size_t)mesh->vertex_count + 3 * (size_t)patches->patch_count;
-  for (uint32_t e = 0; e < patches->edge_count; e++)
-    room += patches->sharp[e] ? job->result->factors[e] - 1 : 0;
-  mesh->normals = lod_arena_alloc(arena, room, sizeof *mesh->normals);
-  mesh->wedge_vertex = LOD_NEW(arena, room, uint32_t);
-  mesh->corners = lod_arena_alloc(arena, mesh->triangle_count, sizeof *mesh->corners);
   job->users = lod_arena_alloc(scratch, patches->edge_count, sizeof *job->users);
-  job->edge_wedge = lod_arena_alloc(scratch, patches->edge_count, sizeof *job->edge_wedge);
-  job->corner_wedge = lod_arena_alloc(scratch, patches->patch_count, sizeof *job->corner_wedge);
-  if (mesh->normals == NULL || mesh->wedge_vertex == NULL || mesh->corners == NULL || job->users == NULL || job->edge_wedge == NULL ||
-      job->corner_wedge == NULL)
+  if (job->users == NULL)
     return LOD_MEMORY;
   memset(job->users, 0xff, patches->edge_count * sizeof *job->users);
   for (uint32_t p = 0; p < patches->patch_count; p++)
     for (uint32_t k = 0; k < 3; k++)
       job->users[patches->edges[p][k] >> 1][patches->edges[p][k] & 1] = 3 * p + k;
+  LOD_TRY(find_split(job, scratch));
+  size_t room = (size_t)mesh->vertex_count + 3 * (size_t)patches->patch_count;
+  for (uint32_t e = 0; e < patches->edge_count; e++)
+    room += job->split[e] ? job->result->factors[e] - 1 : 0;
+  mesh->normals = lod_arena_alloc(arena, room, sizeof *mesh->normals);
+  mesh->wedge_vertex = LOD_NEW(arena, room, uint32_t);
+  mesh->corners = lod_arena_alloc(arena, mesh->triangle_count, sizeof *mesh->corners);
+  job->edge_wedge = lod_arena_alloc(scratch, patches->edge_count, sizeof *job->edge_wedge);
+  job->corner_wedge = lod_arena_alloc(scratch, patches->patch_count, sizeof *job->corner_wedge);
+  bool ok = add_attributes(&patches->attributes, mesh, room, arena);
+  if (!ok || mesh->normals == NULL || mesh->wedge_vertex == NULL || mesh->corners == NULL || job->edge_wedge == NULL ||
+      job->corner_wedge == NULL)
+    return LOD_MEMORY;
   mesh->wedge_count = 0;
   LOD_TRY(add_corner_wedges(job, scratch));
   add_edge_wedges(job);

@@ -14,7 +14,7 @@
 #include "core/clod/pattern.h"
 
 struct lod_tessellation {
-  struct lod_mesh mesh;     /* positions, normals by wedge, materials, parts */
+  struct lod_mesh mesh;     /* positions; normals, UVs and colours by wedge; materials, parts */
   uint32_t *patches;        /* triangle_count; patch of each triangle */
   uint32_t *triangle_begin; /* patch_count + 1: triangles of patch p are triangle_begin[p] up to triangle_begin[p + 1] */
   uint32_t *grids;          /* patch_count; m of each patch */
@@ -24,7 +24,7 @@ struct lod_tessellation {
 
 struct lod_tessellate_settings {
   double tolerance; /* model units, > 0; what LOD_TESSELLATE_MOST cannot reach is told in `deviation` */
-  bool normals;     /* make wedges with normals */
+  bool normals;     /* make wedges with normals, and with what UVs and colours the patches have */
   uint32_t threads; /* as lod_parallel_for */
 };
 struct lod_tessellate_settings lod_tessellate_defaults(void);

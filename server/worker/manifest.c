@@ -49,8 +49,8 @@ static double most_texels(const struct lod_model *model) {
 }
 
 static json_t *drift_json(const struct lod_baked_level *level, const struct lod_model *model) {
-  json_t *json = json_pack("{sf sf}", "uv", level->uv_drift, "normal_degrees", level->normal_drift);
-  if (most_texels(model) > 0)
+  json_t *json = level->has_drift ? json_pack("{sf sf}", "uv", level->uv_drift, "normal_degrees", level->normal_drift) : json_object();
+  if (level->has_drift && most_texels(model) > 0)
     json_object_set_new(json, "texels", json_real(level->uv_drift * most_texels(model)));
   if (level->uv_bound > 0 && isfinite(level->uv_bound)) {
     json_object_set_new(json, "uv_bound", json_real(level->uv_bound));
@@ -75,7 +75,7 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index, c
   }
   if (level->asked != 0)
     json_object_set_new(json, "vertices_asked", json_integer((json_int_t)level->asked));
-  if (level->has_drift)
+  if (level->has_drift || (level->uv_bound > 0 && isfinite(level->uv_bound)))
     json_object_set_new(json, "drift", drift_json(level, model));
   json_object_set_new(json, "bytes", json_integer((json_int_t)level->size));
   json_object_set_new(json, "object", json_string(level->object));

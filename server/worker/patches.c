@@ -15,6 +15,8 @@ static const double kLadder[] = {0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.04}
 /* Of what a level may be off, patches get this share; the rest is for quantisation (half the cube's diagonal of kStep steps) and the chords
  * of the tessellation. kStep and kChord are shares of the patches' own error. */
 static const double kPatches = 0.65, kStep = 0.4, kChord = 0.12;
+/* Steps of UVs: a share of what they are off, between a texel of 1024 and a quarter of one of 16384. */
+static const double kMostUvStep = 1e-3, kLeastUvStep = 0x1p-16;
 
 const double *lod_curved_ladder(uint32_t *count) {
   *count = sizeof kLadder / sizeof kLadder[0];
@@ -42,6 +44,7 @@ struct piece {
   size_t size;
   uint32_t patches;
   double error, deviation; /* model units: bound of the patches before coding; of their chords */
+  double uv;               /* how far UVs are off; INFINITY: the source has some that the patches have not */
 };
 
 static uint32_t count_folds(const struct lod_patches *patches) {
@@ -81,6 +84,7 @@ static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_
   double own = fmax(error, floor);
   struct lod_patches_encode_request encode = {
       .patches = &patches, .unit = u, .unit_count = run->unit_count, .step = kStep * own, .error = error * scale};
+  encode.uv_step = fmin(kMostUvStep, fmax(kLeastUvStep, kStep * patches.attributes.uv_off));
   struct lod_patches_header header;
   LOD_TRY(code_piece(run, &encode, arena, piece, &header, &decoded));
   struct lod_tessellate_settings settings = lod_tessellate_defaults();
@@ -92,6 +96,11 @@ static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_
   piece->patches = decoded.patch_count;
   piece->error = (error + 0.867 * (double)header.step) * scale;
   piece->deviation = flat.deviation * scale;
+  /* Linear over triangles as over patches: corresponding points have the same. 0.71: of a square's half diagonal. */
+  piece->uv = patches.attributes.corners != NULL ? patches.attributes.uv_off + 0.71 * encode.uv_step : 0;
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    if (run->units[u].mesh.uvs[set] != NULL && !patches.attributes.has_uv[set])
+      piece->uv = INFINITY;
   return LOD_OK;
 }
 
@@ -101,7 +110,7 @@ static enum lod_status emit(const struct run *run, struct lod_arena *arena, lod_
   if (meshes == NULL || pieces == NULL)
     return lod_fail_memory(run->problem);
   struct lod_level_patches patches = {0};
-  double bound = 0;
+  double bound = 0, uv = 0;
   for (uint32_t u = 0; u < run->unit_count; u++) {
     LOD_TRY(make_piece(run, u, arena, &pieces[u]));
     meshes[u] = pieces[u].mesh;
@@ -109,6 +118,7 @@ static enum lod_status emit(const struct run *run, struct lod_arena *arena, lod_
     patches.count += pieces[u].patches;
     patches.deviation = fmax(patches.deviation, pieces[u].deviation);
     bound = fmax(bound, pieces[u].error + pieces[u].deviation);
+    uv = fmax(uv, pieces[u].uv);
   }
   uint8_t *bytes = LOD_NEW(arena, patches.size, uint8_t);
   if (bytes == NULL)
@@ -119,7 +129,7 @@ static enum lod_status emit(const struct run *run, struct lod_arena *arena, lod_
     at += pieces[u].size;
   }
   patches.bytes = bytes;
-  struct lod_level level = {.meshes = meshes, .patches = &patches, .bound = bound};
+  struct lod_level level = {.meshes = meshes, .patches = &patches, .bound = bound, .uv_bound = uv, .normal_bound = INFINITY};
   return sink(sink_context, &level);
 }
 

@@ -170,8 +170,76 @@ static void what_is_cut_or_damaged_is_refused(void **state) {
     }
   bytes[4] = 9;
   assert_int_equal(lod_patches_decode(bytes, size, 0, arena, &header, &out, NULL), LOD_UNSUPPORTED);
-  bytes[4] = LOD_PATCHES_VERSION;
+  bytes[4] = 1;
   assert_int_equal(lod_patches_decode(bytes, size, 5, arena, &header, &out, NULL), LOD_LIMIT);
+}
+
+static uint32_t count_jumps(const struct lod_patches *patches) {
+  uint32_t jumps = 0;
+  for (uint32_t h = 0; h < 3 * patches->patch_count; h++)
+    jumps += lod_patch_attributes_jump(&patches->attributes, h / 3, h % 3, patches->partners[h / 3][h % 3]);
+  return jumps;
+}
+
+/* UVs with a seam across the middle and colours: at every corner of every patch as they were, within half a step. */
+static void uvs_and_colours_come_back_within_their_steps(void **state) {
+  (void)state;
+  struct lod_mesh grid = lod_shape_grid(arena, 2, 16, 0.3);
+  struct lod_mesh mesh = grid;
+  mesh.wedge_count = 3 * grid.triangle_count;
+  mesh.corners = lod_arena_alloc(arena, grid.triangle_count, sizeof *mesh.corners);
+  mesh.wedge_vertex = LOD_NEW(arena, mesh.wedge_count, uint32_t);
+  mesh.uvs[0] = lod_arena_alloc(arena, mesh.wedge_count, sizeof *mesh.uvs[0]);
+  mesh.colors = lod_arena_alloc(arena, mesh.wedge_count, sizeof *mesh.colors);
+  assert_true(mesh.corners != NULL && mesh.wedge_vertex != NULL && mesh.uvs[0] != NULL && mesh.colors != NULL);
+  for (uint32_t t = 0; t < mesh.triangle_count; t++) {
+    float middle = 0;
+    for (int k = 0; k < 3; k++)
+      middle += mesh.positions[mesh.triangles[t][k]][0];
+    for (uint32_t k = 0; k < 3; k++) {
+      uint32_t w = mesh.corners[t][k] = 3 * t + k, v = mesh.wedge_vertex[w] = mesh.triangles[t][k];
+      mesh.uvs[0][w][0] = mesh.positions[v][0] + (middle > 0 ? 5.0f : 0.0f);
+      mesh.uvs[0][w][1] = mesh.positions[v][1] * 0.25f;
+      for (int i = 0; i < 4; i++)
+        mesh.colors[w][i] = i == 3 ? 1 : 0.5f + 0.25f * mesh.positions[v][i % 2];
+    }
+  }
+  mesh.normals = NULL;
+  struct lod_patches patches = clod_of(&mesh, 60);
+  assert_true(patches.attributes.has_uv[0] && !patches.attributes.has_uv[1] && patches.attributes.has_colors);
+  assert_true(count_jumps(&patches) > 0 && patches.attributes.uv_off < 0.5);
+  uint8_t *bytes;
+  size_t size;
+  encode(&patches, 0.001, &bytes, &size);
+  struct lod_patches back = decode(bytes, size);
+  assert_int_equal(bytes[4], 2);
+  assert_int_equal(count_jumps(&back), count_jumps(&patches));
+  for (uint32_t p = 0; p < back.patch_count; p++)
+    for (uint32_t k = 0; k < 3; k++) { /* the same patch: its middle is where no other's is */
+      double best = INFINITY;
+      struct lod_bezier net = lod_patches_net(&back, p);
+      const float *found = NULL, *mine = lod_patch_attributes_at(&back.attributes, p, k);
+      for (uint32_t q = 0; q < patches.patch_count; q++)
+        for (uint32_t l = 0; l < 3; l++) {
+          struct lod_bezier other = lod_patches_net(&patches, q);
+          double off = lod_vec3_distance(net.p[LOD_BEZIER_CENTRE], other.p[LOD_BEZIER_CENTRE]) + lod_vec3_distance(net.p[k], other.p[l]);
+          if (off < best) {
+            best = off;
+            found = lod_patch_attributes_at(&patches.attributes, q, l);
+          }
+        }
+      for (int i = 0; i < 6; i++)
+        assert_true(fabs((double)mine[i] - (double)found[i]) <= (i < 2 ? 0.501 * 0x1p-12 : 0.501 / 255));
+    }
+  /* Damage is refused or harmless, as without attributes. */
+  for (size_t n = 40; n < size; n++) {
+    struct lod_arena *child = lod_arena_create(256 << 20);
+    struct lod_patches_header header;
+    struct lod_patches out;
+    struct lod_problem problem = {0};
+    assert_int_equal(lod_patches_decode(bytes, n, 0, child, &header, &out, &problem), LOD_BAD_INPUT);
+    lod_arena_destroy(child);
+  }
 }
 
 static void assert_bytes(const uint8_t *bytes, size_t size, size_t expected_size, uint32_t crc) {
@@ -188,6 +256,7 @@ static void the_bytes_of_version_1_are_these(void **state) {
   } kExpected[3] = {{778, 0x2aea1f7a, 0xd11b246f}, {299, 0x784bf8ef, 0xc30c90e7}, {62, 0xec627063, 0x78b68809}};
   for (int i = 0; i < 3; i++) {
     struct lod_patches patches = clod_of(&shapes[i], UINT32_MAX);
+    patches.attributes = (struct lod_patch_attributes){0};
     uint8_t *bytes;
     size_t size;
     encode(&patches, 0.01, &bytes, &size);
@@ -252,6 +321,7 @@ int main(void) {
       cmocka_unit_test(materials_and_parts_come_back),
       cmocka_unit_test(the_same_patches_give_the_same_bytes),
       cmocka_unit_test(what_is_cut_or_damaged_is_refused),
+      cmocka_unit_test(uvs_and_colours_come_back_within_their_steps),
       cmocka_unit_test(the_bytes_of_version_1_are_these),
       cmocka_unit_test(the_example_of_the_format_is_what_it_says),
       cmocka_unit_test(nothing_is_coded_too),

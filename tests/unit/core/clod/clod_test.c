@@ -181,6 +181,56 @@ static void a_boundary_stays_a_boundary(void **state) {
   assert_bound_holds(&grid, clod);
 }
 
+struct slips {
+  const struct lod_mesh *mesh;
+  const struct lod_patches *patches;
+  double worst;
+};
+
+static void compare_uv(void *context, const struct lod_clod_sample *sample) {
+  struct slips *s = context;
+  float mine[LOD_PATCH_NUMBERS];
+  double at[3] = {sample->at.u, sample->at.v, sample->at.w};
+  lod_patch_attributes_mix(&s->patches->attributes, sample->patch, at, mine);
+  /* The source's: the grid's UVs are known everywhere from x and y. */
+  double u = sample->point.x / 2 + 0.5, v = sample->point.y / 2 + 0.5;
+  s->worst = fmax(s->worst, sqrt(((double)mine[0] - u) * ((double)mine[0] - u) + ((double)mine[1] - v) * ((double)mine[1] - v)));
+}
+
+/* UVs are carried: what they are off is bounded at all corresponding points, and limits what may be merged. */
+static void textures_slip_by_no_more_than_is_told(void **state) {
+  (void)state;
+  struct lod_mesh grid = lod_shape_grid(arena, 2, 24, 0.4);
+  struct lod_clod *clod = model_of(&grid);
+  double before = 0;
+  for (uint32_t wanted = 600; wanted > 8; wanted /= 3) {
+    struct lod_clod_facts facts = simplify(clod, wanted, INFINITY);
+    struct lod_patches patches = extract(clod, facts.clod, NULL);
+    struct slips slips = {&grid, &patches, 0};
+    assert_true(patches.attributes.has_uv[0] && !patches.attributes.has_colors);
+    lod_clod_samples(clod, 3, compare_uv, &slips);
+    assert_true(slips.worst > 0 && slips.worst <= patches.attributes.uv_off * 1.0001 + 1e-6);
+    assert_true(slips.worst > 0.5 * patches.attributes.uv_off && patches.attributes.uv_off >= before);
+    before = patches.attributes.uv_off;
+    struct lod_tessellate_settings settings = lod_tessellate_defaults();
+    struct lod_tessellation flat;
+    settings.tolerance = 0.002;
+    assert_int_equal(lod_tessellate(&patches, &settings, arena, &flat, NULL), LOD_OK);
+    assert_true(lod_mesh_check(&flat.mesh, NULL) && flat.mesh.uvs[0] != NULL && flat.mesh.uvs[1] == NULL);
+    for (uint32_t t = 0; t < flat.mesh.triangle_count; t++)
+      for (int k = 0; k < 3; k++) { /* UV against position: what the textures slip, and what the surface is off */
+        const float *uv = flat.mesh.uvs[0][flat.mesh.corners[t][k]], *p = flat.mesh.positions[flat.mesh.triangles[t][k]];
+        double off = fmax(fabs((double)uv[0] - (double)p[0] / 2 - 0.5), fabs((double)uv[1] - (double)p[1] / 2 - 0.5));
+        assert_true(off <= patches.attributes.uv_off + facts.error / 2 + 1e-5);
+      }
+  }
+  /* A limit counts for both: textures slip by no more than four times the error, in lengths. */
+  clod = model_of(&grid);
+  struct lod_clod_facts facts = simplify(clod, 0, 0.01);
+  struct lod_patches patches = extract(clod, facts.clod, NULL);
+  assert_true(facts.patches > 8 && facts.patches < grid.triangle_count && patches.attributes.uv_off * 2 <= 4 * 0.0101);
+}
+
 /* P3-19: any C-LOD comes out of the structure as it was when it was the last one. */
 static void all_levels_live_in_one_structure(void **state) {
   (void)state;
@@ -370,6 +420,7 @@ int main(void) {
       cmocka_unit_test(topology_stays),
       cmocka_unit_test(a_cube_keeps_its_twelve_edges),
       cmocka_unit_test(a_boundary_stays_a_boundary),
+      cmocka_unit_test(textures_slip_by_no_more_than_is_told),
       cmocka_unit_test(all_levels_live_in_one_structure),
       cmocka_unit_test(the_same_input_gives_the_same_bits),
       cmocka_unit_test(merging_makes_no_folds),
