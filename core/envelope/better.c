@@ -17,7 +17,6 @@ static enum lod_status go_on(const struct lod_collapser *c, double epsilon, cons
   const struct lod_surface *s = &c->surface;
   uint32_t *face_to = LOD_NEW(scratch, s->face_count, uint32_t), live = 0;
   uint8_t *features = LOD_NEW(scratch, s->face_count, uint8_t);
-  struct lod_bvh *bvh;
   if (face_to == NULL || features == NULL)
     return LOD_MEMORY;
   for (uint32_t f = 0; f < s->face_count; f++) {
@@ -25,12 +24,11 @@ static enum lod_status go_on(const struct lod_collapser *c, double epsilon, cons
     if (face_to[f] != LOD_NONE)
       features[live++] = s->feature[f];
   }
-  LOD_TRY(lod_bvh_create(c->mesh, 1, scratch, &bvh));
   struct lod_cover_settings settings = lod_cover_defaults();
   settings.feature_edges = features;
   struct lod_cover *cover;
   struct lod_problem problem = {0};
-  enum lod_status status = lod_cover_create_from(level, c->mesh, bvh, c->certificate, face_to, &settings, scratch, &cover, &problem);
+  enum lod_status status = lod_cover_create_from(level, c->mesh, c->bvh, c->certificate, face_to, &settings, scratch, &cover, &problem);
   if (status == LOD_BAD_INPUT)
     return LOD_OK; /* no surface that it could work on */
   LOD_TRY(status);

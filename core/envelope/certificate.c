@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "core/base/tolerance.h"
-#include "core/envelope/forward.h"
 #include "core/mesh/triangle_distance.h"
 
 enum {
@@ -37,20 +36,15 @@ struct found {
   uint64_t used; /* candidate faces that certify it */
 };
 
-struct proxy {
-  struct lod_forward forward; /* epsilon: what is left of it */
-  double proven;
-  const uint32_t *triangle_of;
-};
-
 struct lod_certificate {
   const struct lod_mesh *source;
   const struct lod_bvh *bvh;
   struct lod_arena *arena;
+  uint32_t face_count;             /* of the surface */
   double epsilon, epsilon_squared; /* narrowed by the margin */
   double full_epsilon, margin;
   struct lod_forward forward;
-  struct proxy proxies[PROXIES]; /* finest first */
+  struct lod_proxy proxies[PROXIES]; /* finest first */
   uint32_t proxy_count;
   struct charges *charges;  /* per face */
   uint32_t *version;        /* per source triangle */
@@ -79,48 +73,69 @@ void lod_certificate_set_epsilon(struct lod_certificate *c, double epsilon) {
     set_forward_epsilon(&c->proxies[i].forward, c->epsilon - c->proxies[i].proven);
 }
 
-enum lod_status lod_certificate_add_proxy(struct lod_certificate *c, const struct lod_mesh *mesh, double proven,
-                                          const uint32_t *triangle_of) {
+void lod_certificate_add_proxy(struct lod_certificate *c, const struct lod_forward *proxy, double proven, const uint32_t *triangle_of) {
   if (c->proxy_count == PROXIES) {
     memmove(c->proxies, c->proxies + 1, (PROXIES - 1) * sizeof *c->proxies);
     c->proxy_count--;
   }
-  struct proxy *proxy = &c->proxies[c->proxy_count];
-  struct lod_bvh *bvh;
-  LOD_TRY(lod_bvh_create(mesh, 1, c->arena, &bvh));
-  LOD_TRY(lod_forward_init(&proxy->forward, mesh, bvh, c->arena));
-  proxy->proven = proven;
-  proxy->triangle_of = triangle_of;
-  c->proxy_count++;
+  c->proxies[c->proxy_count++] = (struct lod_proxy){*proxy, proven, triangle_of};
   lod_certificate_set_epsilon(c, c->full_epsilon);
+}
+
+const struct lod_proxy *lod_certificate_proxy(const struct lod_certificate *c, double most) {
+  for (uint32_t i = c->proxy_count; i > 0; i--)
+    if (c->proxies[i - 1].proven <= most)
+      return &c->proxies[i - 1];
+  return NULL;
+}
+
+const struct lod_forward *lod_certificate_source(const struct lod_certificate *c) {
+  return &c->forward;
+}
+
+static enum lod_status create(const struct lod_forward *source, uint32_t face_count, const double *limits, double epsilon,
+                              struct lod_arena *arena, struct lod_certificate **certificate) {
+  struct lod_certificate *c = LOD_NEW_ZERO(arena, 1, struct lod_certificate);
+  if (c == NULL)
+    return LOD_MEMORY;
+  uint32_t count = source->source->triangle_count;
+  c->source = source->source;
+  c->bvh = source->bvh;
+  c->arena = arena;
+  c->face_count = face_count;
+  c->margin = LOD_TOLERANCE_CERTIFICATE * lod_mesh_magnitude(c->source);
+  LOD_TRY(lod_backward_create(c->source, limits, arena, &c->backward));
+  c->forward = *source;
+  c->forward.limits = limits;
+  lod_certificate_set_epsilon(c, epsilon);
+  c->charges = LOD_NEW_ZERO(arena, face_count, struct charges);
+  c->version = LOD_NEW_ZERO(arena, count, uint32_t);
+  c->triangle_stamp = LOD_NEW_ZERO(arena, count, uint32_t);
+  if (c->charges == NULL || c->version == NULL || c->triangle_stamp == NULL)
+    return LOD_MEMORY;
+  *certificate = c;
   return LOD_OK;
 }
 
 enum lod_status lod_certificate_create(const struct lod_mesh *source, const struct lod_bvh *bvh, const double *limits, double epsilon,
                                        struct lod_arena *arena, struct lod_certificate **certificate) {
-  struct lod_certificate *c = LOD_NEW_ZERO(arena, 1, struct lod_certificate);
-  if (c == NULL)
-    return LOD_MEMORY;
-  c->source = source;
-  c->bvh = bvh;
-  c->arena = arena;
-  c->margin = LOD_TOLERANCE_CERTIFICATE * lod_mesh_magnitude(source);
-  LOD_TRY(lod_backward_create(source, limits, arena, &c->backward));
-  LOD_TRY(lod_forward_init(&c->forward, source, bvh, arena));
-  c->forward.limits = limits;
-  lod_certificate_set_epsilon(c, epsilon);
-  c->charges = LOD_NEW_ZERO(arena, source->triangle_count, struct charges);
-  c->version = LOD_NEW_ZERO(arena, source->triangle_count, uint32_t);
-  c->triangle_stamp = LOD_NEW_ZERO(arena, source->triangle_count, uint32_t);
+  struct lod_forward forward;
+  LOD_TRY(lod_forward_init(&forward, source, bvh, arena));
+  LOD_TRY(create(&forward, source->triangle_count, limits, epsilon, arena, certificate));
+  struct lod_certificate *c = *certificate;
   struct charge *first = LOD_NEW(arena, source->triangle_count, struct charge);
-  if (c->charges == NULL || c->version == NULL || c->triangle_stamp == NULL || first == NULL)
+  if (first == NULL)
     return LOD_MEMORY;
   for (uint32_t t = 0; t < source->triangle_count; t++) { /* every triangle is certified by itself */
     first[t] = (struct charge){t, 0};
     c->charges[t] = (struct charges){&first[t], 1, 1, 32};
   }
-  *certificate = c;
   return LOD_OK;
+}
+
+enum lod_status lod_certificate_create_bare(const struct lod_forward *source, uint32_t face_count, double epsilon, struct lod_arena *arena,
+                                            struct lod_certificate **certificate) {
+  return create(source, face_count, NULL, epsilon, arena, certificate);
 }
 
 enum lod_status lod_certificate_bound_attributes(struct lod_certificate *c, const struct lod_wedges *wedges, const uint32_t *patch) {
@@ -190,14 +205,14 @@ static bool near_source(const struct lod_certificate *c, struct lod_vec3 p, uint
 }
 
 /* The coarsest proxy that leaves most of epsilon; NULL when there is none. */
-static const struct proxy *useful_proxy(const struct lod_certificate *c) {
+static const struct lod_proxy *useful_proxy(const struct lod_certificate *c) {
   for (uint32_t i = c->forward.limits != NULL ? 0 : c->proxy_count; i > 0; i--) /* a proxy knows of no limits */
     if (c->proxies[i - 1].proven <= PROXY_SHARE * c->epsilon)
       return &c->proxies[i - 1];
   return NULL;
 }
 
-static bool probe(const struct lod_certificate *c, const struct proxy *proxy, const struct lod_candidate *face, uint32_t hint,
+static bool probe(const struct lod_certificate *c, const struct lod_proxy *proxy, const struct lod_candidate *face, uint32_t hint,
                   uint32_t *near) {
   const struct lod_vec3 *p = face->corner;
   struct lod_vec3 centre = lod_vec3_scale(lod_vec3_add(p[0], lod_vec3_add(p[1], p[2])), 1.0 / 3);
@@ -209,7 +224,7 @@ static bool probe(const struct lod_certificate *c, const struct proxy *proxy, co
   return near_source(c, centre, hint, near);
 }
 
-static bool try_forward(const struct lod_certificate *c, const struct proxy *proxy, const struct lod_candidate *face, uint32_t near) {
+static bool try_forward(const struct lod_certificate *c, const struct lod_proxy *proxy, const struct lod_candidate *face, uint32_t near) {
   struct lod_vec3 refuter;
   if (proxy != NULL) {
     enum lod_forward_answer answer =
@@ -292,7 +307,7 @@ bool lod_certificate_try(struct lod_certificate *c, struct lod_change *change, e
   assert(change->face_count <= LOD_CERTIFICATE_MAX_FACES);
   *status = LOD_OK;
   c->stamp++;
-  const struct proxy *proxy = useful_proxy(c);
+  const struct lod_proxy *proxy = useful_proxy(c);
   uint32_t near[LOD_CERTIFICATE_MAX_FACES];
   for (uint32_t k = 0; k < change->fresh_count; k++)
     if (!probe(c, proxy, &change->faces[k], change->hints[k][0], &near[k]))
@@ -340,26 +355,31 @@ enum lod_status lod_certificate_move(struct lod_certificate *c, uint32_t triangl
   return charge_face(c, face, triangle);
 }
 
-/* Faces that certify triangle t, from the last proxy, as its triangles. */
-static bool find_in_proxy(const struct lod_certificate *c, uint32_t t, uint32_t hint, struct lod_forward_used *used) {
-  struct lod_forward forward = c->proxies[c->proxy_count - 1].forward;
-  set_forward_epsilon(&forward, c->epsilon);
+/* Triangles of the surface that certify triangle t. */
+static bool find_in_surface(const struct lod_certificate *c, const struct lod_forward *surface, uint32_t t, uint32_t hint,
+                            struct lod_forward_used *used) {
   struct lod_vec3 p[3], refuter;
   for (int k = 0; k < 3; k++)
     p[k] = lod_vec3_from_float(c->source->positions[c->source->triangles[t][k]]);
   used->count = 0;
-  return lod_forward_test(&forward, p, hint, FORWARD_PIECES, &refuter, used) == LOD_FORWARD_PROVEN && used->count <= used->capacity;
+  if (lod_forward_test(surface, p, hint, FORWARD_PIECES, &refuter, used) == LOD_FORWARD_PROVEN && used->count <= used->capacity)
+    return true;
+  used->count = 0; /* folds, and hints from far away, lead the walk astray */
+  return lod_forward_test_by_halves(surface, p, FORWARD_PIECES, used) && used->count <= used->capacity;
 }
 
-enum lod_status lod_certificate_recharge(struct lod_certificate *c, const uint32_t *face_of, const uint32_t *hints, bool *proven) {
+enum lod_status lod_certificate_recharge(struct lod_certificate *c, const struct lod_forward *surface, const uint32_t *face_of,
+                                         const uint32_t *hints, bool *proven) {
   enum { MOST = 512 };
   uint32_t triangles[MOST];
   struct lod_forward_used used = {.triangles = triangles, .capacity = MOST};
-  for (uint32_t f = 0; f < c->source->triangle_count; f++)
+  struct lod_forward narrowed = *surface;
+  set_forward_epsilon(&narrowed, c->epsilon);
+  for (uint32_t f = 0; f < c->face_count; f++)
     c->charges[f].count = 0;
   *proven = true;
   for (uint32_t t = 0; t < c->source->triangle_count; t++) {
-    if (!find_in_proxy(c, t, hints[t], &used)) {
+    if (!find_in_surface(c, &narrowed, t, hints == NULL ? LOD_NONE : hints[t], &used)) {
       *proven = false;
       return LOD_OK;
     }
@@ -376,9 +396,9 @@ enum lod_status lod_certificate_recharge(struct lod_certificate *c, const uint32
 }
 
 enum lod_status lod_certificate_adopt(struct lod_certificate *c, const struct lod_certificate *from, const uint32_t *face_to) {
-  for (uint32_t f = 0; f < c->source->triangle_count; f++)
+  for (uint32_t f = 0; f < c->face_count; f++)
     c->charges[f].count = 0;
-  for (uint32_t f = 0; f < c->source->triangle_count; f++)
+  for (uint32_t f = 0; f < c->face_count; f++)
     for (uint32_t i = 0; i < from->charges[f].count && face_to[f] != LOD_NONE; i++) {
       struct charge charge = from->charges[f].items[i];
       if (charge.version == from->version[charge.triangle])
@@ -413,7 +433,7 @@ uint32_t lod_certificate_charge(const struct lod_certificate *c, uint32_t face, 
 
 void lod_certificate_charged(const struct lod_certificate *c, const uint32_t *face_to, uint32_t *nearby) {
   memset(nearby, 0xff, c->source->triangle_count * sizeof *nearby);
-  for (uint32_t f = 0; f < c->source->triangle_count; f++)
+  for (uint32_t f = 0; f < c->face_count; f++)
     for (uint32_t i = 0; i < c->charges[f].count; i++)
       if (c->charges[f].items[i].version == c->version[c->charges[f].items[i].triangle])
         nearby[c->charges[f].items[i].triangle] = face_to[f];

@@ -7,6 +7,7 @@
 #define LOD_CORE_ENVELOPE_CERTIFICATE_H
 
 #include "core/envelope/backward.h"
+#include "core/envelope/forward.h"
 #include "core/envelope/surface.h"
 #include "core/mesh/bvh.h"
 
@@ -39,14 +40,31 @@ void lod_certificate_set_epsilon(struct lod_certificate *certificate, double eps
 /* A mesh known to lie within `proven` of the source, both ways, such as an earlier result: it answers most forward questions that leave
  * epsilon - proven, in fewer and larger pieces; the source answers the rest. triangle_of: surface face -> its triangle there, or LOD_NONE.
  * Everything must live as long as the certificate. */
-LOD_WARN_UNUSED enum lod_status lod_certificate_add_proxy(struct lod_certificate *certificate, const struct lod_mesh *proxy, double proven,
-                                                          const uint32_t *triangle_of);
+void lod_certificate_add_proxy(struct lod_certificate *certificate, const struct lod_forward *proxy, double proven,
+                               const uint32_t *triangle_of);
 
-/* Charges every source triangle anew, to faces of the last proxy, which must be the surface as it stands. face_of: triangle of the proxy ->
- * face; hints: per source triangle, a triangle of the proxy likely to be near. *proven false: some triangle could not be certified; then
- * the charges are void. */
-LOD_WARN_UNUSED enum lod_status lod_certificate_recharge(struct lod_certificate *certificate, const uint32_t *face_of,
-                                                         const uint32_t *hints, bool *proven);
+struct lod_proxy {
+  struct lod_forward forward; /* epsilon: what is left of it */
+  double proven;
+  const uint32_t *triangle_of;
+};
+
+/* The coarsest proxy proven within `most`; NULL when there is none. */
+const struct lod_proxy *lod_certificate_proxy(const struct lod_certificate *certificate, double most);
+
+/* What it is against, for others. */
+const struct lod_forward *lod_certificate_source(const struct lod_certificate *certificate);
+
+/* A certificate against any mesh, for a surface of `face_count` faces, without charges: lod_certificate_recharge makes them. Against a
+ * proxy it proves epsilon + proven of the source, with fewer questions. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_create_bare(const struct lod_forward *source, uint32_t face_count, double epsilon,
+                                                            struct lod_arena *arena, struct lod_certificate **certificate);
+
+/* Charges every source triangle anew, to faces of the surface as it stands. surface: as a mesh; face_of: its triangle -> face; hints: per
+ * source triangle, a triangle of it likely to be near; or NULL. *proven false: some triangle could not be certified; then the charges are
+ * void. */
+LOD_WARN_UNUSED enum lod_status lod_certificate_recharge(struct lod_certificate *certificate, const struct lod_forward *surface,
+                                                         const uint32_t *face_of, const uint32_t *hints, bool *proven);
 
 /* Whether the change keeps both directions within epsilon. *status: LOD_MEMORY when it could not be decided (then false is returned). */
 bool lod_certificate_try(struct lod_certificate *certificate, struct lod_change *change, enum lod_status *status);

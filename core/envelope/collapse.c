@@ -12,12 +12,6 @@
 #include "core/envelope/internal.h"
 #include "core/envelope/quadric.h"
 
-/* An edge whose quadric says that its place is farther than sqrt(GATE) epsilon from the planes around, in the mean, is not tried: it would
- * cost a trial and fail. 2.5 loses no triangles (bunny, fandisk); 1 loses 3 to 7 %. */
-static const double GATE = 2.5;
-/* The first stage of a run: the share of epsilon that it may use, its gate, and how much larger than the last proxy's epsilon must be. */
-static const double STAGE_SHARE = 0.5, STAGE_GATE = 0.1, STAGE_STEP = 4;
-
 enum { WITNESS_SLOTS_LOG2 = 17, CANCEL_EVERY = 1024 };
 
 struct witness {
@@ -198,8 +192,7 @@ enum lod_status lod_attempt_collapse(struct lod_collapser *c, uint32_t a, uint32
   lod_guard_follow(c->guard, &c->surface, attempt->changing, attempt->change.changing_count);
   if (on_curve)
     lod_curves_collapse(&c->curves, &c->surface, b, stands_for);
-  if (on_junction)
-    c->merged[a] = b;
+  c->merged[a] = b;
   LOD_TRY(lod_certificate_commit(c->certificate, &attempt->change));
   lod_quadric_add(&c->quadric[b], &c->quadric[a]);
   c->stamp[a]++;
@@ -243,22 +236,7 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
   return LOD_OK;
 }
 
-/* The surface as it stands, proven within `epsilon`, becomes a proxy for larger epsilons once it is much smaller than the last one. */
-static enum lod_status offer_proxy(struct lod_collapser *c, double epsilon) {
-  if (2 * c->surface.live_faces > c->proxy_faces)
-    return LOD_OK;
-  struct lod_mesh *proxy = LOD_NEW(c->arena, 1, struct lod_mesh);
-  uint32_t *triangle_of = LOD_NEW(c->arena, c->surface.face_count, uint32_t);
-  if (proxy == NULL || triangle_of == NULL)
-    return LOD_MEMORY;
-  LOD_TRY(lod_collapser_extract_surface(c, c->arena, proxy, triangle_of));
-  c->proxy_faces = c->surface.live_faces;
-  c->proxy_epsilon = epsilon;
-  return lod_certificate_add_proxy(c->certificate, proxy, epsilon, triangle_of);
-}
-
-/* Tries every edge, cheapest first, at up to `places` places each; neighbours of what collapses again. */
-static enum lod_status run_pass(struct lod_collapser *c, int places, const struct lod_progress *progress, uint32_t *collapsed) {
+enum lod_status lod_collapser_pass(struct lod_collapser *c, int places, const struct lod_progress *progress, uint32_t *collapsed) {
   uint32_t tried = 0;
   *collapsed = 0;
   LOD_TRY(lod_queue_push_all(c));
@@ -277,19 +255,24 @@ static enum lod_status run_pass(struct lod_collapser *c, int places, const struc
   return LOD_OK;
 }
 
-/* Of coplanar regions in floats the planes' rounding says more than their distance. */
-static bool is_coplanar(const struct lod_collapser *c, double epsilon) {
-  return epsilon <= 2 * LOD_TOLERANCE_COPLANAR * lod_mesh_magnitude(c->mesh);
-}
-
-static void set_epsilon(struct lod_collapser *c, double epsilon, double gate) {
+void lod_collapser_set_epsilon(struct lod_collapser *c, double epsilon, double gate) {
   c->epsilon = epsilon;
-  lod_certificate_set_epsilon(c->certificate, epsilon);
+  lod_certificate_set_epsilon(c->certificate, epsilon - c->spent);
   if (c->wedges.channels != 0)
     lod_wedges_set_epsilon(&c->wedges, epsilon);
-  c->gate = is_coplanar(c, epsilon) ? INFINITY : gate * epsilon * epsilon;
+  c->gate = gate * epsilon * epsilon;
   for (size_t i = 0; i < (size_t)1 << WITNESS_SLOTS_LOG2; i++)
     c->witnesses[i].state = 0;
+}
+
+void lod_collapser_reach(struct lod_collapser *c, double epsilon) {
+  c->reached = epsilon;
+  for (uint32_t v = 0; c->bound != NULL && v < c->mesh->vertex_count; v++)
+    c->bound[v] = epsilon;
+}
+
+void lod_collapser_forget(struct lod_collapser *c) {
+  memset(c->witnesses, 0xff, ((size_t)1 << WITNESS_SLOTS_LOG2) * sizeof *c->witnesses);
 }
 
 /* ---- set-up ---- */
@@ -377,8 +360,7 @@ static enum lod_status host_degenerate(struct lod_collapser *c) {
   return LOD_OK;
 }
 
-/* The source as the surface, each triangle charged to itself. */
-static enum lod_status start(struct lod_collapser *c) {
+enum lod_status lod_collapser_start(struct lod_collapser *c) {
   const struct lod_mesh *mesh = c->mesh;
   LOD_TRY(lod_surface_create(mesh, c->feature_edges, c->arena, &c->surface));
   for (uint32_t v = 0; v < mesh->vertex_count && c->settings.pinned != NULL; v++)
@@ -390,13 +372,15 @@ static enum lod_status start(struct lod_collapser *c) {
   lod_certificate_set_rms(c->certificate, c->settings.rms);
   if (c->wedges.bounded)
     LOD_TRY(lod_certificate_bound_attributes(c->certificate, &c->wedges, c->patch));
-  if (c->settings.guarding != LOD_GUARD_NONE)
-    LOD_TRY(lod_guard_create(mesh, &c->surface, c->settings.guarding == LOD_GUARD_ALL, c->arena, &c->guard));
+  c->guard = NULL;
+  c->has_guard = false;
+  c->spent = 0;
+  lod_collapser_reach(c, 0);
   c->proxy_faces = mesh->triangle_count;
   c->proxy_epsilon = 0;
   c->kept_count = 0;
   memset(c->quadric, 0, mesh->vertex_count * sizeof *c->quadric);
-  memset(c->witnesses, 0xff, ((size_t)1 << WITNESS_SLOTS_LOG2) * sizeof *c->witnesses);
+  lod_collapser_forget(c);
   for (uint32_t v = 0; v < mesh->vertex_count; v++) {
     c->merged[v] = c->origin[v] = v;
     c->near[v] = c->surface.ring_count[v] != 0 ? lod_surface_ring(&c->surface, v)[0] : LOD_NONE;
@@ -432,55 +416,7 @@ enum lod_status lod_collapser_create(const struct lod_mesh *mesh, const struct l
   if (c->quadric == NULL || c->near == NULL || c->stamp == NULL || c->face_mark == NULL || c->merged == NULL || c->origin == NULL ||
       c->witnesses == NULL)
     return LOD_MEMORY;
-  LOD_TRY(start(c));
+  LOD_TRY(lod_collapser_start(c));
   *collapser = c;
   return LOD_OK;
-}
-
-/* ---- stages ---- */
-
-/* A first stage: a draft made of bounds alone, whose result then answers most of the forward questions, and to whose faces the source's
- * triangles are charged. */
-static enum lod_status draft_stage(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
-  uint32_t live = c->surface.live_faces;
-  double proven;
-  LOD_TRY(lod_draft_run(c, epsilon * STAGE_SHARE, progress, &proven));
-  if (c->surface.live_faces == live)
-    return LOD_OK;
-  struct lod_mesh *proxy = LOD_NEW(c->arena, 1, struct lod_mesh);
-  uint32_t *triangle_of = LOD_NEW(c->arena, c->surface.face_count, uint32_t);
-  if (proxy == NULL || triangle_of == NULL)
-    return LOD_MEMORY;
-  LOD_TRY(lod_collapser_extract_surface(c, c->arena, proxy, triangle_of));
-  LOD_TRY(lod_certificate_add_proxy(c->certificate, proxy, proven, triangle_of));
-  c->proxy_faces = c->surface.live_faces;
-  c->proxy_epsilon = proven;
-  bool charged;
-  LOD_TRY(lod_draft_charge(c, triangle_of, &charged));
-  if (charged)
-    return LOD_OK;
-  /* Within epsilon by the map, but not shown face by face within the pieces allowed: without a draft, then. */
-  c->settings.draft = false;
-  LOD_TRY(start(c));
-  lod_certificate_set_epsilon(c->certificate, c->epsilon);
-  return LOD_OK;
-}
-
-enum lod_status lod_collapser_run(struct lod_collapser *c, double epsilon, const struct lod_progress *progress) {
-  uint32_t collapsed;
-  /* What is flat in floats is drained from inside by a draft, and leaves triangles from line to line. */
-  bool draft = c->settings.draft && c->settings.limits == NULL && !c->wedges.bounded && c->settings.rms == 0 && !is_coplanar(c, epsilon);
-  if (draft && epsilon > STAGE_STEP * c->proxy_epsilon) {
-    set_epsilon(c, epsilon, STAGE_GATE * STAGE_SHARE * STAGE_SHARE);
-    LOD_TRY(draft_stage(c, epsilon, progress));
-  }
-  set_epsilon(c, epsilon, GATE);
-  for (uint32_t pass = 0; pass < c->settings.passes; pass++) {
-    uint32_t live = c->surface.live_faces;
-    LOD_TRY(run_pass(c, pass == 0 ? 1 : 4, progress, &collapsed));
-    if (collapsed * 200 < live)
-      break;
-  }
-  LOD_TRY(lod_polish_run(c, progress));
-  return offer_proxy(c, epsilon);
 }

@@ -55,7 +55,10 @@ static enum lod_status set_up(struct lod_cover *c, const struct beginning *from,
   c->bvh = from->bvh;
   LOD_TRY(lod_adjacency_create(c->mesh, scratch, &adjacency));
   LOD_TRY(lod_offset_directions(c->mesh, &adjacency, c->settings.crease_degrees, c->arena, &c->offset));
-  LOD_TRY(lod_certificate_create(c->source, c->bvh, NULL, 0, c->arena, &c->certificate));
+  if (from->proof == NULL)
+    LOD_TRY(lod_certificate_create(c->source, c->bvh, NULL, 0, c->arena, &c->certificate));
+  else
+    LOD_TRY(lod_certificate_create_bare(lod_certificate_source(from->proof), c->source->triangle_count, 0, c->arena, &c->certificate));
   c->margin = 2 * lod_tolerance_rounding(lod_mesh_magnitude(c->source));
   c->report.alpha = 1;
   if (c->settings.offsets != LOD_COVER_NO_OFFSETS && (c->vertex_epsilon = LOD_NEW(c->arena, c->mesh->vertex_count, double)) == NULL)

@@ -233,6 +233,16 @@ static enum lod_status push_around(struct lod_collapser *c, uint32_t b) {
   return LOD_OK;
 }
 
+/* Any vertex of the faces that change: those with one that is suspect are always asked for. */
+static bool is_suspect(const struct lod_collapser *c, const struct lod_attempt *attempt) {
+  bool suspect = c->suspect == NULL;
+  for (uint32_t i = 0; i < attempt->change.changing_count && !suspect; i++) {
+    const uint32_t *v = c->surface.face[attempt->changing[i]];
+    suspect = c->suspect[v[0]] || c->suspect[v[1]] || c->suspect[v[2]];
+  }
+  return suspect;
+}
+
 static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b, struct draft *draft, struct lod_attempt *attempt) {
   struct lod_vec3 place[4];
   double cost[4];
@@ -246,8 +256,11 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
       attempt->change.fresh_count > MOST_FRESH)
     return LOD_OK;
   double bound = bound_of(c, draft, attempt, a, b, place[0]);
-  if (!(bound <= draft->limit) || !lod_guard_allows(c->guard, &c->surface, &attempt->change, a, b))
+  bool asks = c->guard != NULL && is_suspect(c, attempt);
+  if (!(bound <= draft->limit) || (asks && !lod_guard_allows(c->guard, &c->surface, &attempt->change, a, b)))
     return LOD_OK;
+  if (asks && c->suspect != NULL)
+    c->suspect[b] = c->suspect[a] || c->suspect[b];
   lod_collapser_note_origin(c, a, b, place[0]);
   LOD_TRY(lod_surface_collapse(&c->surface, a, b, place[0]));
   lod_wedges_commit(&c->wedges, &attempt->change);
@@ -264,7 +277,9 @@ enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struc
   struct lod_arena *scratch = lod_arena_create_child(c->arena);
   struct draft *draft = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, 1, struct draft);
   struct lod_attempt *attempt = scratch == NULL ? NULL : LOD_NEW(scratch, 1, struct lod_attempt);
-  if (draft == NULL || attempt == NULL || (draft->bound = LOD_NEW_ZERO(scratch, c->surface.vertex_count, double)) == NULL) {
+  if (c->bound == NULL)
+    c->bound = LOD_NEW_ZERO(c->arena, c->surface.vertex_count, double);
+  if (draft == NULL || attempt == NULL || c->bound == NULL) {
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }
@@ -272,6 +287,8 @@ enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struc
   attempt->change.changing = attempt->changing;
   attempt->change.faces = attempt->faces;
   draft->limit = limit;
+  draft->bound = c->bound;
+  draft->proven = c->reached;
   draft->rounding = 2 * lod_tolerance_rounding(lod_mesh_magnitude(c->mesh));
   enum lod_status status = lod_queue_push_all(c);
   for (uint32_t tried = 1; status == LOD_OK && c->heap_count > 0; tried++) {
@@ -280,56 +297,7 @@ enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struc
       continue;
     status = tried % CANCEL_EVERY == 0 && lod_progress_cancelled(progress) ? LOD_CANCELLED : try_edge(c, e.a, e.b, draft, attempt);
   }
-  *proven = draft->proven;
+  *proven = c->reached = draft->proven;
   lod_arena_destroy(scratch);
-  return status;
-}
-
-static uint32_t survivor(uint32_t *merged, uint32_t v) {
-  while (merged[v] != v)
-    v = merged[v] = merged[merged[v]];
-  return v;
-}
-
-/* A face around the survivors of a source triangle's corners: one that all of them share, if there is one. */
-static uint32_t hint_of(const struct lod_collapser *c, uint32_t t) {
-  const struct lod_surface *s = &c->surface;
-  uint32_t v[3], best = LOD_NONE, most = 0;
-  for (int k = 0; k < 3; k++)
-    v[k] = survivor(c->merged, c->mesh->triangles[t][k]);
-  const uint32_t *ring = lod_surface_ring(s, v[0]);
-  for (uint32_t i = 0; i < s->ring_count[v[0]]; i++) {
-    const uint32_t *w = s->face[ring[i]];
-    uint32_t shared = 0;
-    for (int k = 0; k < 3; k++)
-      shared += 1 + (w[k] == v[1]) + (w[k] == v[2]);
-    if (shared > most) {
-      most = shared;
-      best = ring[i];
-    }
-  }
-  return best;
-}
-
-enum lod_status lod_draft_charge(struct lod_collapser *c, const uint32_t *triangle_of, bool *charged) {
-  struct lod_arena *scratch = lod_arena_create_child(c->arena);
-  uint32_t *face_of = scratch == NULL ? NULL : LOD_NEW(scratch, c->surface.face_count, uint32_t);
-  uint32_t *hints = scratch == NULL ? NULL : LOD_NEW(scratch, c->mesh->triangle_count, uint32_t);
-  if (face_of == NULL || hints == NULL) {
-    lod_arena_destroy(scratch);
-    return LOD_MEMORY;
-  }
-  for (uint32_t f = 0; f < c->surface.face_count; f++)
-    if (triangle_of[f] != LOD_NONE)
-      face_of[triangle_of[f]] = f;
-  for (uint32_t t = 0; t < c->mesh->triangle_count; t++) {
-    uint32_t f = c->surface.face[t][0] != LOD_NONE ? t : hint_of(c, t);
-    hints[t] = f == LOD_NONE ? triangle_of[t] : triangle_of[f];
-  }
-  enum lod_status status = lod_certificate_recharge(c->certificate, face_of, hints, charged);
-  lod_arena_destroy(scratch);
-  for (uint32_t v = 0; v < c->surface.vertex_count; v++)
-    if (c->surface.ring_count[v] != 0)
-      c->near[v] = lod_certificate_nearest(c->certificate, c->surface.position[v], c->near[v]);
   return status;
 }

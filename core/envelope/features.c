@@ -35,7 +35,7 @@ enum lod_status lod_envelope_features(const struct lod_mesh *mesh, double crease
   *features = LOD_NEW_ZERO(arena, mesh->triangle_count, uint8_t);
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct lod_adjacency adjacency;
-  if (*features == NULL || scratch == NULL || lod_adjacency_create(mesh, scratch, &adjacency) != LOD_OK) {
+  if (*features == NULL || scratch == NULL || lod_adjacency_create_edges(mesh, scratch, &adjacency) != LOD_OK) {
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }

@@ -25,7 +25,7 @@ enum lod_status lod_forward_init(struct lod_forward *f, const struct lod_mesh *s
       (struct lod_forward){.source = source, .bvh = bvh, .neighbour = lod_arena_alloc(arena, source->triangle_count, sizeof *f->neighbour)};
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct lod_adjacency adjacency;
-  if (f->neighbour == NULL || scratch == NULL || lod_adjacency_create(source, scratch, &adjacency) != LOD_OK) {
+  if (f->neighbour == NULL || scratch == NULL || lod_adjacency_create_edges(source, scratch, &adjacency) != LOD_OK) {
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }
@@ -269,4 +269,38 @@ enum lod_forward_answer lod_forward_test(const struct lod_forward *f, const stru
       stack[depth++] = parts[i];
   }
   return LOD_FORWARD_PROVEN;
+}
+
+/* Proven by the nearest triangle, or halved. */
+static int halve_unless_near(const struct lod_forward *f, struct piece *piece, struct piece parts[2]) {
+  if (!search(f, piece, centre_of(piece)))
+    return REFUTED;
+  struct lod_triangle_probe t = probe_of(f, piece->hint);
+  double squared = squared_at(f, piece->hint);
+  for (uint32_t i = 0; i < piece->count; i++)
+    if (lod_triangle_distance_squared(&t, piece->corner[i]) > squared)
+      return halve_with_hint(piece, piece->hint, parts);
+  return PROVEN;
+}
+
+bool lod_forward_test_by_halves(const struct lod_forward *f, const struct lod_vec3 corner[3], uint32_t budget,
+                                struct lod_forward_used *used) {
+  struct piece stack[STACK];
+  uint32_t depth = 1;
+  memcpy(stack[0].corner, corner, 3 * sizeof *corner);
+  stack[0].count = 3;
+  stack[0].hint = LOD_NONE;
+  while (depth > 0) {
+    struct piece piece = stack[--depth], parts[2];
+    if (budget-- == 0 || depth + 2 > STACK)
+      return false;
+    int count = halve_unless_near(f, &piece, parts);
+    if (count == REFUTED)
+      return false;
+    if (count == PROVEN)
+      add_used(used, piece.hint);
+    for (int i = 0; i < count; i++)
+      stack[depth++] = parts[i];
+  }
+  return true;
 }

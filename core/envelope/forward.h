@@ -30,4 +30,8 @@ struct lod_forward_used {
 enum lod_forward_answer lod_forward_test(const struct lod_forward *forward, const struct lod_vec3 corner[3], uint32_t hint, uint32_t budget,
                                          struct lod_vec3 *refuter, struct lod_forward_used *used);
 
+/* The same, true where it is proven, by halves of the triangle against whatever is nearest to them: slow near epsilon, sure well within. */
+bool lod_forward_test_by_halves(const struct lod_forward *forward, const struct lod_vec3 corner[3], uint32_t budget,
+                                struct lod_forward_used *used);
+
 #endif

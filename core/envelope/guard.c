@@ -10,9 +10,10 @@
 #include "core/mesh/intersect.h"
 
 struct lod_guard {
-  struct lod_bvh *tree; /* whose primitives are faces */
-  uint32_t *slot_of;    /* per face */
-  bool *guarded;        /* per face */
+  struct lod_bvh *tree;    /* whose primitives are faces */
+  const uint32_t *face_of; /* per primitive; NULL: faces are primitives */
+  uint32_t *slot_of;       /* per face */
+  bool *guarded;           /* per face */
 };
 
 static bool on_boundary(const struct lod_surface *s, uint32_t a, uint32_t b) {
@@ -42,8 +43,8 @@ static uint32_t find_closed(const struct lod_surface *s, uint32_t *up, bool *ope
   return count;
 }
 
-enum lod_status lod_guard_create(const struct lod_mesh *source, const struct lod_surface *s, bool open_too, struct lod_arena *arena,
-                                 struct lod_guard **out) {
+enum lod_status lod_guard_create(const struct lod_mesh *mesh, const uint32_t *face_of, const struct lod_surface *s, bool open_too,
+                                 struct lod_arena *arena, struct lod_guard **out) {
   *out = NULL;
   struct lod_guard *guard = LOD_NEW_ZERO(arena, 1, struct lod_guard);
   struct lod_arena *scratch = lod_arena_create_child(arena);
@@ -63,16 +64,33 @@ enum lod_status lod_guard_create(const struct lod_mesh *source, const struct lod
   struct lod_mesh *triangles = LOD_NEW(arena, 1, struct lod_mesh);
   if (triangles == NULL)
     return LOD_MEMORY;
-  *triangles = *source;
+  *triangles = *mesh;
   triangles->edge_count = triangles->point_count = 0;
   LOD_TRY(lod_bvh_create(triangles, 1, arena, &guard->tree));
-  for (uint32_t slot = 0; slot < guard->tree->count; slot++)
-    guard->slot_of[guard->tree->order[slot]] = slot;
-  for (uint32_t f = 0; f < s->face_count; f++) /* degenerate triangles cross nothing */
-    if (s->face[f][0] == LOD_NONE)
+  guard->face_of = face_of;
+  for (uint32_t slot = 0; slot < guard->tree->count; slot++) {
+    uint32_t t = guard->tree->order[slot], f = face_of == NULL ? t : face_of[t];
+    guard->slot_of[f] = slot;
+    if (s->face[f][0] == LOD_NONE) /* degenerate triangles cross nothing */
       lod_guard_follow(guard, s, &f, 1);
+  }
   *out = guard;
   return LOD_OK;
+}
+
+enum lod_status lod_guard_check(const struct lod_guard *guard, struct lod_arena *arena, bool *crossed) {
+  if (guard == NULL)
+    return LOD_OK;
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  bool *found = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, guard->tree->count, bool);
+  struct lod_crossings crossings;
+  enum lod_status status = found == NULL ? LOD_MEMORY : lod_intersect_count(guard->tree->mesh, guard->tree, scratch, found, &crossings);
+  for (uint32_t t = 0; status == LOD_OK && t < guard->tree->count; t++) {
+    uint32_t f = guard->face_of == NULL ? t : guard->face_of[t];
+    crossed[f] = found[t] && guard->guarded[f];
+  }
+  lod_arena_destroy(scratch);
+  return status;
 }
 
 struct box {
@@ -146,6 +164,7 @@ struct query {
   const struct lod_surface *surface;
   const struct lod_change *change;
   const struct shape *fresh;
+  const uint32_t *face_of;
   bool crosses;
 };
 
@@ -165,8 +184,9 @@ static bool crossed_before(const struct query *q, const struct shape *other) {
   return false;
 }
 
-static bool visit(void *context, uint32_t f) {
+static bool visit(void *context, uint32_t primitive) {
   struct query *q = context;
+  uint32_t f = q->face_of == NULL ? primitive : q->face_of[primitive];
   if (is_changing(q->change, f))
     return true;
   struct lod_corners corners = corners_of(q->surface, f);
@@ -192,7 +212,7 @@ bool lod_guard_allows(struct lod_guard *guard, const struct lod_surface *s, cons
   if (guard == NULL || change->fresh_count == 0 || !guard->guarded[change->faces[0].face])
     return true;
   struct shape fresh[LOD_CERTIFICATE_MAX_FACES];
-  struct query q = {.surface = s, .change = change, .fresh = fresh};
+  struct query q = {.surface = s, .change = change, .fresh = fresh, .face_of = guard->face_of};
   struct box all = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
   for (uint32_t i = 0; i < change->fresh_count; i++) {
     struct lod_corners corners;

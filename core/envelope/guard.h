@@ -7,10 +7,13 @@
 
 struct lod_guard;
 
-/* Over the faces of a surface that has not changed yet; they stay in a tree that follows them. open_too: also guards components that have a
- * boundary. *guard NULL: there is nothing to guard. */
-LOD_WARN_UNUSED enum lod_status lod_guard_create(const struct lod_mesh *source, const struct lod_surface *surface, bool open_too,
-                                                 struct lod_arena *arena, struct lod_guard **guard);
+/* Over the faces of a surface, which stay in a tree that follows them. mesh: the surface as it stands; face_of: its triangle -> face, NULL
+ * where they are the same. open_too: also guards components that have a boundary. *guard NULL: there is nothing to guard. */
+LOD_WARN_UNUSED enum lod_status lod_guard_create(const struct lod_mesh *mesh, const uint32_t *face_of, const struct lod_surface *surface,
+                                                 bool open_too, struct lod_arena *arena, struct lod_guard **guard);
+
+/* Before any change: which guarded faces cross others; live ones are set. */
+LOD_WARN_UNUSED enum lod_status lod_guard_check(const struct lod_guard *guard, struct lod_arena *arena, bool *crossed);
 
 /* Whether the fresh faces of a change, with a and b become b, meet no other face and not one another but where they should, or nothing
  * that the changing faces did not cross already. guard NULL: true. */

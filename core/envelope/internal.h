@@ -28,8 +28,14 @@ struct lod_collapser {
   struct lod_certificate *certificate;
   struct lod_curves curves;
   struct lod_wedges wedges;
-  struct lod_guard *guard;     /* NULL: crossings are nobody's concern */
+  struct lod_guard *guard;     /* NULL: crossings are nobody's concern, or not yet */
+  bool has_guard;              /* it was made, if there is to be one */
+  int drafts;                  /* that crossed themselves; the next asks the guard where they did, the last one everywhere */
+  bool *suspect;               /* per vertex: faces around it have crossed in a draft; NULL = all are */
   double epsilon;              /* of the current stage */
+  double *bound;               /* per vertex, of drafts (draft.c) since the last stage with certificates; or NULL */
+  double reached;              /* how far the surface as it stands may be from the source: that of the last stage; 0 = it is the source */
+  double spent;                /* part of epsilon that lies between the source and what the certificate is against */
   struct lod_quadric *quadric; /* per vertex */
   uint32_t *near;              /* per vertex: a source triangle near it */
   uint32_t *stamp;             /* per vertex: changes with it */
@@ -43,7 +49,7 @@ struct lod_collapser {
   uint32_t proxy_faces; /* of the last proxy */
   double proxy_epsilon; /* proven of it */
   uint32_t *origin;     /* per vertex: the source vertex at whose place it stands, as long as none was placed freely */
-  uint32_t *merged;     /* draft: per vertex, where it went; itself while it stands */
+  uint32_t *merged;     /* per vertex, where it went; itself while it stands */
 };
 
 /* A collapse that is looked at. */
@@ -77,13 +83,25 @@ LOD_WARN_UNUSED enum lod_status lod_collapser_update_after(struct lod_collapser 
 /* polish.c: after the collapses have come to an end, where few faces are left. */
 LOD_WARN_UNUSED enum lod_status lod_polish_run(struct lod_collapser *c, const struct lod_progress *progress);
 
-/* draft.c: collapses as many edges as bounds on the displacement of a map from the source to the surface allow, without a certificate.
+/* draft.c: collapses as many edges as bounds on the displacement of a map from the surface to what it becomes allow, without a certificate.
  * *proven: how far the surface may be from the source, both ways, at most `limit`. */
 LOD_WARN_UNUSED enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struct lod_progress *progress, double *proven);
 
-/* Charges the source's triangles to the faces of a draft that was just made the certificate's last proxy; *charged false: some could not.
- */
-LOD_WARN_UNUSED enum lod_status lod_draft_charge(struct lod_collapser *c, const uint32_t *triangle_of, bool *charged);
+/* collapse.c. Of the stage to come; gate: in epsilons squared. */
+void lod_collapser_set_epsilon(struct lod_collapser *c, double epsilon, double gate);
+
+/* The source as the surface, each triangle charged to itself. */
+LOD_WARN_UNUSED enum lod_status lod_collapser_start(struct lod_collapser *c);
+
+/* Tries every edge, cheapest first, at up to `places` places each; neighbours of what collapses again. */
+LOD_WARN_UNUSED enum lod_status lod_collapser_pass(struct lod_collapser *c, int places, const struct lod_progress *progress,
+                                                   uint32_t *collapsed);
+
+/* The surface is within `epsilon` of the source by certificates: drafts start from there. */
+void lod_collapser_reach(struct lod_collapser *c, double epsilon);
+
+/* Forgets what is known of edges that failed. */
+void lod_collapser_forget(struct lod_collapser *c);
 
 /* queue.c. push_edge puts the end that may vanish first; push_all starts afresh. */
 LOD_WARN_UNUSED enum lod_status lod_queue_push_edge(struct lod_collapser *c, uint32_t a, uint32_t b);

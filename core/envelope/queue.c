@@ -5,6 +5,8 @@
 #include "core/envelope/internal.h"
 #include "core/envelope/quadric.h"
 
+enum { WIDTH = 4 }; /* of the heap: half as deep as a binary one */
+
 static bool before(const struct lod_queue_entry *x, const struct lod_queue_entry *y) {
   if (x->cost != y->cost)
     return x->cost < y->cost;
@@ -23,9 +25,9 @@ static enum lod_status push(struct lod_collapser *c, struct lod_queue_entry entr
     c->heap_capacity = capacity;
   }
   size_t i = c->heap_count++;
-  while (i > 0 && before(&entry, &c->heap[(i - 1) / 2])) {
-    c->heap[i] = c->heap[(i - 1) / 2];
-    i = (i - 1) / 2;
+  while (i > 0 && before(&entry, &c->heap[(i - 1) / WIDTH])) {
+    c->heap[i] = c->heap[(i - 1) / WIDTH];
+    i = (i - 1) / WIDTH;
   }
   c->heap[i] = entry;
   return LOD_OK;
@@ -33,19 +35,19 @@ static enum lod_status push(struct lod_collapser *c, struct lod_queue_entry entr
 
 struct lod_queue_entry lod_queue_pop(struct lod_collapser *c) {
   struct lod_queue_entry top = c->heap[0], last = c->heap[--c->heap_count];
-  size_t i = 0;
+  size_t i = 0, count = c->heap_count;
   for (;;) {
-    size_t child = 2 * i + 1;
-    if (child >= c->heap_count)
+    size_t first = WIDTH * i + 1, child = first, end = first + WIDTH < count ? first + WIDTH : count;
+    if (first >= count)
       break;
-    if (child + 1 < c->heap_count && before(&c->heap[child + 1], &c->heap[child]))
-      child++;
+    for (size_t j = first + 1; j < end; j++)
+      child = before(&c->heap[j], &c->heap[child]) ? j : child;
     if (!before(&c->heap[child], &last))
       break;
     c->heap[i] = c->heap[child];
     i = child;
   }
-  if (c->heap_count > 0)
+  if (count > 0)
     c->heap[i] = last;
   return top;
 }
@@ -100,6 +102,8 @@ enum lod_status lod_queue_push_edge(struct lod_collapser *c, uint32_t a, uint32_
   struct lod_vec3 place[4];
   double cost[4];
   lod_collapser_placements(c, a, b, s->kind[a] != s->kind[b], place, cost);
+  if (cost[0] > c->gate * (c->quadric[a].weight + c->quadric[b].weight))
+    return LOD_OK; /* not to be tried before one of its ends changes, and then it comes here again */
   /* Among edges of equal error (flat regions) short ones first: they keep triangles round. */
   double length = lod_vec3_distance_squared(s->position[a], s->position[b]);
   return push(c, (struct lod_queue_entry){cost[0] + 1e-9 * length * length, a, b, c->stamp[a], c->stamp[b]});

@@ -163,18 +163,24 @@ static bool find_fans(const struct lod_mesh *mesh, struct lod_arena *arena, stru
   return true;
 }
 
-enum lod_status lod_adjacency_create(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_adjacency *adjacency) {
+enum lod_status lod_adjacency_create_edges(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_adjacency *adjacency) {
   if (mesh->triangle_count > UINT32_MAX / 3 - 1 || mesh->vertex_count > UINT32_MAX - 2)
     return LOD_MEMORY; /* half-edges have 32 bits */
-  struct lod_adjacency out = {.vertex_count = mesh->vertex_count, .triangle_count = mesh->triangle_count};
+  *adjacency = (struct lod_adjacency){.vertex_count = mesh->vertex_count, .triangle_count = mesh->triangle_count};
   struct lod_arena *scratch = lod_arena_create_child(arena);
-  bool ok = scratch != NULL && find_edges(mesh, arena, scratch, &out);
+  bool ok = scratch != NULL && find_edges(mesh, arena, scratch, adjacency);
   lod_arena_destroy(scratch);
   if (!ok)
     return LOD_MEMORY;
-  pair_twins(mesh, &out);
-  scratch = lod_arena_create_child(arena);
-  ok = scratch != NULL && find_fans(mesh, arena, scratch, &out);
+  pair_twins(mesh, adjacency);
+  return LOD_OK;
+}
+
+enum lod_status lod_adjacency_create(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_adjacency *adjacency) {
+  struct lod_adjacency out;
+  LOD_TRY(lod_adjacency_create_edges(mesh, arena, &out));
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  bool ok = scratch != NULL && find_fans(mesh, arena, scratch, &out);
   lod_arena_destroy(scratch);
   if (!ok)
     return LOD_MEMORY;

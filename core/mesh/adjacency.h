@@ -37,6 +37,10 @@ struct lod_adjacency {
 /* Results go to `arena`. Edges are numbered by their lower, then their higher vertex. Fails with LOD_MEMORY alone. */
 LOD_WARN_UNUSED enum lod_status lod_adjacency_create(const struct lod_mesh *mesh, struct lod_arena *arena, struct lod_adjacency *adjacency);
 
+/* The same without vertices and fans, in half the time. */
+LOD_WARN_UNUSED enum lod_status lod_adjacency_create_edges(const struct lod_mesh *mesh, struct lod_arena *arena,
+                                                           struct lod_adjacency *adjacency);
+
 /* Twins are mutual and match, every corner is in its vertex's list once, fans follow twins. For assertions. */
 bool lod_adjacency_check(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency);
 

@@ -307,6 +307,29 @@ static void test_a_draft_stays_within_the_bound_of_its_map(void **state) {
   with_arena(drafts);
 }
 
+/* What the level before has taken of epsilon, a draft that goes on from it has to reckon with. */
+static void drafts_of_levels(struct lod_arena *arena) {
+  struct lod_mesh mesh = lod_shape_torus(arena, 2, 0.6, 60, 30);
+  struct lod_bvh *bvh;
+  struct lod_collapser *c;
+  double proven;
+  assert_int_equal(lod_bvh_create(&mesh, 1, arena, &bvh), LOD_OK);
+  assert_int_equal(lod_collapser_create(&mesh, bvh, NULL, NULL, arena, &c), LOD_OK);
+  assert_int_equal(lod_collapser_run(c, 0.03, NULL), LOD_OK);
+  c->gate = INFINITY;
+  assert_int_equal(lod_draft_run(c, 0.04, NULL, &proven), LOD_OK);
+  struct lod_mesh draft;
+  uint32_t *face_to = LOD_NEW(arena, c->surface.face_count, uint32_t);
+  assert_int_equal(lod_collapser_extract_surface(c, arena, &draft, face_to), LOD_OK);
+  assert_true(proven >= 0.03 && proven <= 0.04);
+  assert_true(far_from(arena, &draft, &mesh) <= proven && far_from(arena, &mesh, &draft) <= proven);
+}
+
+static void test_a_draft_of_a_later_level_reckons_with_the_one_before(void **state) {
+  (void)state;
+  with_arena(drafts_of_levels);
+}
+
 static void flips(struct lod_arena *arena) {
   struct lod_mesh mesh = lod_shape_torus(arena, 2, 0.6, 14, 9);
   struct lod_surface s;
@@ -346,6 +369,7 @@ int main(void) {
       cmocka_unit_test(test_epsilon_0_takes_together_what_is_coplanar_alone),
       cmocka_unit_test(test_epsilons_that_are_negative_or_no_number_are_refused),
       cmocka_unit_test(test_a_draft_stays_within_the_bound_of_its_map),
+      cmocka_unit_test(test_a_draft_of_a_later_level_reckons_with_the_one_before),
       cmocka_unit_test(test_flips_keep_a_torus_a_torus),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
