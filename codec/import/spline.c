@@ -699,7 +699,7 @@ enum lod_status lod_splines_finish(struct lod_splines *splines) {
     return lod_reader_bad(reader, "empty", "the file has no patches");
   double diagonal = diagonal_of(splines);
   struct cutting c = {.reader = reader, .tolerance = fmax(kTolerance * diagonal, 1e-30)};
-  uint32_t given = splines->count;
+  uint32_t given = splines->count, counted = 0;
   LOD_TRY(refine_charts(splines, kChartTolerance * diagonal));
   for (uint32_t p = 0; p < splines->count; p++) {
     c.arena = lod_arena_create_child(reader->scratch);
@@ -708,10 +708,11 @@ enum lod_status lod_splines_finish(struct lod_splines *splines) {
     enum lod_status status = splines->patches[p].triangle ? cut_triangle(&c, &splines->patches[p]) : cut_tensor(&c, &splines->patches[p]);
     lod_arena_destroy(c.arena);
     LOD_TRY(status);
+    LOD_TRY(lod_reader_add_vertices(reader, c.mesh.vertex_count - counted)); /* before all patches are cut: a limit saves the rest */
+    counted = c.mesh.vertex_count;
     if (p % 64 == 0)
       LOD_TRY(lod_reader_progress(reader, 0.4 * p / splines->count));
   }
-  LOD_TRY(lod_reader_add_vertices(reader, c.mesh.vertex_count));
   reader->source_vertices = splines->points;
   /* Arithmetic of some hundred roundings of coordinates no larger than the control points'. */
   double magnitude = lod_mesh_magnitude(&c.mesh);

@@ -14,8 +14,9 @@ enum { COUNTS = 8 };
 
 static uint8_t *dress(const uint8_t *data, size_t *size, const struct lod_mesh *base, struct lod_arena *arena) {
   struct lod_delta_header header = {.from = LOD_NONE, .unit_count = 1, .grid = {{-2, -2, -2}, 1.f / 1024}};
-  header.vertices = (uint32_t)(data[0] | data[1] << 8);
-  header.triangles = (uint32_t)(data[2] | data[3] << 8);
+  /* Not more than a short body can hold: what is allocated for the rest takes most of a run. */
+  header.vertices = (uint32_t)(data[0] | (data[1] & 7) << 8);
+  header.triangles = (uint32_t)(data[2] | (data[3] & 15) << 8);
   header.edges = data[6] & 15;
   header.points = data[6] >> 4;
   header.wedges = data[7];

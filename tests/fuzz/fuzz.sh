@@ -14,13 +14,16 @@ shift || true
 # Freed memory is kept back for less than usual and pages are not given back to the kernel: most of the time of short runs went there.
 export ASAN_OPTIONS="allocator_may_return_null=1:malloc_context_size=4:quarantine_size_mb=4:thread_local_quarantine_size_kb=64:max_malloc_fill_size=0:allocator_release_to_os_interval_ms=-1:${ASAN_OPTIONS:-}"
 failed=""
+# After each run that seems to leak libFuzzer looks through all memory, and names what it found by another program, to learn each time that
+# it was libassimp. Leaks of ours show when the corpus is replayed.
+leaks() { [ "$1" = assimp ] && echo 0 || echo 1; }
 for name in "$@"; do
   mkdir -p "build/fuzz/corpus/$name" "build/fuzz/found/$name"
   echo "== $name, $seconds s"
   dictionary=""
   [ ! -e "tests/fuzz/dict/$name" ] || dictionary="-dict=tests/fuzz/dict/$name"
   "build/fuzz/tests/fuzz/${name}_fuzz" -max_total_time="$seconds" -timeout=20 -rss_limit_mb=4096 -malloc_limit_mb=2048 -print_final_stats=1 -verbosity=0 \
-    -max_len="${LENGTH:-1024}" $dictionary \
+    -detect_leaks="$(leaks "$name")" -max_len="${LENGTH:-1024}" $dictionary \
     -artifact_prefix="build/fuzz/found/$name/" "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name" || failed="$failed $name"
 done
 [ -z "$failed" ] || { echo "found something in:$failed (see build/fuzz/found)" >&2; exit 1; }

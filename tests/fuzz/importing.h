@@ -26,11 +26,12 @@ static enum lod_status fuzz_read(void *context, const char *uri, struct lod_aren
   return *bytes ? LOD_OK : lod_fail_memory(problem);
 }
 
-static inline void fuzz_import(const uint8_t *bytes, size_t size, const char *format) {
+/* most: vertices and triangles. */
+static inline void fuzz_import_at_most(const uint8_t *bytes, size_t size, const char *format, uint32_t most) {
   struct lod_import_limits limits = lod_import_limits_defaults();
   limits.max_bytes = 1 << 22;
-  limits.max_vertices = limits.max_triangles = 100000;
-  limits.max_instances = 10000;
+  limits.max_vertices = limits.max_triangles = most;
+  limits.max_instances = 1000;
   struct fuzz_bytes self = {bytes, size};
   struct lod_import_files files = {fuzz_read, &self};
   struct lod_arena *arena = lod_arena_create((size_t)256 << 20);
@@ -47,6 +48,10 @@ static inline void fuzz_import(const uint8_t *bytes, size_t size, const char *fo
     if (!lod_mesh_check(&model.units[u].mesh, NULL))
       abort();
   lod_arena_destroy(arena);
+}
+
+static inline void fuzz_import(const uint8_t *bytes, size_t size, const char *format) {
+  fuzz_import_at_most(bytes, size, format, 4000);
 }
 
 #endif

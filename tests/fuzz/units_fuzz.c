@@ -45,8 +45,9 @@ static void draw(const struct lod_units *units, const struct lod_delta_level *co
   if (parents == NULL)
     return;
   lod_units_settle(units, levels, parents);
-  if (lod_overlay_create(units->base, &joined->mesh, parents, NULL, arena, &overlay, NULL) == LOD_OK)
-    (void)lod_overlay_part(&overlay, units->base, &joined->mesh, NULL, NULL, arena, &morph);
+  if (lod_overlay_create(units->base, &joined->mesh, parents, NULL, arena, &overlay, NULL) == LOD_OK &&
+      lod_overlay_part(&overlay, units->base, &joined->mesh, NULL, NULL, arena, &morph) == LOD_MEMORY)
+    return; /* 256 MiB are not to be had */
 }
 
 static void decode(struct lod_units *units, uint8_t *bytes, size_t size, int mode, struct lod_arena *arena) {

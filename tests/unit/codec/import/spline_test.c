@@ -99,6 +99,26 @@ static void normals_behind_points_are_passed_over(void **state) {
   expect("9\n1 1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n0 0\n", "a.bv", "truncated", "a normal");
 }
 
+/* Many parabolas: at the limit, the rest are not cut. Else their triangles would be in memory before anybody looked. */
+static void a_limit_of_vertices_ends_the_cutting(void **state) {
+  (void)state;
+  enum { PATCHES = 500 };
+  static char text[PATCHES * 96 + 16];
+  size_t size = (size_t)sprintf(text, "%d\n", PATCHES);
+  for (int p = 0; p < PATCHES; p++)
+    size += (size_t)sprintf(text + size, "2 1\n0 0 %d\n0 1 %d\n0.5 0 %d\n0.5 1 %d\n1 0 %d\n1 1 %d\n", p, p, p, p, p + 1, p + 1);
+  struct lod_import_limits limits = lod_import_limits_defaults();
+  struct test_import whole = test_import_with(text, size, "many.bpt", NULL, &limits);
+  test_expect_ok(&whole);
+  limits.max_vertices = 1000;
+  struct test_import part = test_import_with(text, size, "many.bpt", NULL, &limits);
+  assert_int_equal(part.status, LOD_LIMIT);
+  assert_string_equal(part.problem.type, "limit-vertices");
+  assert_true(lod_arena_peak_bytes(part.arena) < lod_arena_peak_bytes(whole.arena) / 2);
+  test_import_end(&whole);
+  test_import_end(&part);
+}
+
 static void a_patch_file_needs_no_ending(void **state) {
   (void)state;
   struct test_import i = import_text("\n1 \r\n1 1\r\n0 0 0\r\n0 1 0\n1 0 0\n1 1 0\n", "upload");
@@ -378,6 +398,7 @@ int main(void) {
       cmocka_unit_test(knots_are_inserted_up_to_bezier),
       cmocka_unit_test(rib_transforms_and_bases_apply),
       cmocka_unit_test(what_is_wrong_is_told_by_line),
+      cmocka_unit_test(a_limit_of_vertices_ends_the_cutting),
       cmocka_unit_test(every_prefix_of_a_patch_file_is_refused_or_read),
       cmocka_unit_test(charts_say_where_triangles_lie_on_their_patches),
       cmocka_unit_test(pages_that_share_a_spine_stay_together),
