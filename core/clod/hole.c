@@ -118,35 +118,72 @@ static double triangle_cost(const struct lod_clod *clod, const struct clod_polyg
   return lengths / (2 * 1.7320508075688772 * x);
 }
 
-/* allowed[i][j]: no edge joins ring vertices i and j outside of the hole. */
+/* The half-edges that start at ring vertex i, both ways from one of them: take says when that is enough. */
+typedef bool take_corner(void *context, const struct clod_patch *patch, uint32_t corner);
+static void walk_around(const struct lod_clod *clod, const struct clod_polygon *polygon, uint32_t i, take_corner *take, void *context) {
+  uint32_t start = following_half(polygon->old[i < polygon->old_count ? i : i - 1]);
+  if (i == polygon->old_count)
+    start = previous_half(polygon->old[i - 1]);
+  for (int way = 0; way < 2; way++) {
+    uint32_t at = start, steps = 0;
+    do {
+      if (!take(context, &clod->patches[at / 3], at % 3))
+        return;
+      if (way == 0) {
+        at = next_around(clod, at);
+      } else {
+        uint32_t across = clod_across(clod, at);
+        at = across == LOD_NONE ? LOD_NONE : following_half(across);
+      }
+    } while (at != LOD_NONE && at != start && ++steps < 256);
+    if (at == start)
+      break;
+  }
+}
+
+struct joined {
+  uint32_t vertex;
+  bool found;
+};
+
+static bool look_for(void *context, const struct clod_patch *patch, uint32_t corner) {
+  struct joined *joined = context;
+  joined->found =
+      patch->corners[corner == 2 ? 0 : corner + 1] == joined->vertex || patch->corners[corner == 0 ? 2 : corner - 1] == joined->vertex;
+  return !joined->found;
+}
+
+/* Whether an edge joins ring vertex i and another vertex. */
+static bool is_joined(const struct lod_clod *clod, const struct clod_polygon *polygon, uint32_t i, uint32_t vertex) {
+  struct joined joined = {vertex, false};
+  walk_around(clod, polygon, i, look_for, &joined);
+  return joined.found;
+}
+
+struct forbidden {
+  const struct lod_clod *clod;
+  uint32_t i;
+  bool (*allowed)[CLOD_RING];
+};
+
+static bool forbid(void *context, const struct clod_patch *patch, uint32_t corner) {
+  struct forbidden *f = context;
+  for (uint32_t k = 1; k < 3; k++) {
+    uint32_t j = f->clod->ring_place[patch->corners[(corner + k) % 3]];
+    if (j != 0)
+      f->allowed[f->i][j - 1] = f->allowed[j - 1][f->i] = false;
+  }
+  return true;
+}
+
+/* allowed[i][j]: no edge joins ring vertices i and j. */
 static void find_forbidden(const struct lod_clod *clod, const struct clod_polygon *polygon, bool allowed[CLOD_RING][CLOD_RING]) {
   memset(allowed, 1, sizeof(bool[CLOD_RING][CLOD_RING]));
   for (uint32_t i = 0; i < polygon->size; i++)
     clod->ring_place[polygon->ring[i]] = (uint8_t)(i + 1);
   for (uint32_t i = 0; i < polygon->size; i++) {
-    /* All patches around ring vertex i, both ways from one of them. */
-    uint32_t start = following_half(polygon->old[i < polygon->old_count ? i : i - 1]);
-    if (i == polygon->old_count)
-      start = previous_half(polygon->old[i - 1]);
-    for (int way = 0; way < 2; way++) {
-      uint32_t at = start, steps = 0;
-      do {
-        const uint32_t *corners = clod->patches[at / 3].corners;
-        for (uint32_t k = 1; k < 3; k++) {
-          uint32_t j = clod->ring_place[corners[at % 3 + k >= 3 ? at % 3 + k - 3 : at % 3 + k]];
-          if (j != 0)
-            allowed[i][j - 1] = allowed[j - 1][i] = false;
-        }
-        if (way == 0) {
-          at = next_around(clod, at);
-        } else {
-          uint32_t across = clod_across(clod, at);
-          at = across == LOD_NONE ? LOD_NONE : following_half(across);
-        }
-      } while (at != LOD_NONE && at != start && ++steps < 256);
-      if (at == start)
-        break;
-    }
+    struct forbidden f = {clod, i, allowed};
+    walk_around(clod, polygon, i, forbid, &f);
   }
   for (uint32_t i = 0; i < polygon->size; i++)
     clod->ring_place[polygon->ring[i]] = 0;
@@ -202,17 +239,10 @@ uint32_t clod_ring_number(const struct clod_polygon *polygon, uint32_t vertex) {
   return LOD_NONE;
 }
 
-static bool triangulate(const struct lod_clod *clod, struct clod_polygon *polygon, const uint32_t *pair) {
-  bool allowed[CLOD_RING][CLOD_RING];
+/* Least cost of what is allowed; best: the third corner. */
+static double cheapest(const struct lod_clod *clod, const struct clod_polygon *polygon, const bool allowed[CLOD_RING][CLOD_RING],
+                       uint8_t best[CLOD_RING][CLOD_RING]) {
   double cost[CLOD_RING][CLOD_RING];
-  uint8_t best[CLOD_RING][CLOD_RING];
-  find_forbidden(clod, polygon, allowed);
-  if (pair != NULL) {
-    uint32_t p = clod_ring_number(polygon, pair[0]), q = clod_ring_number(polygon, pair[1]);
-    if (p == LOD_NONE || q == LOD_NONE || !allowed[p][q])
-      return false;
-    force(polygon, p < q ? p : q, p < q ? q : p, allowed);
-  }
   uint32_t n = polygon->size;
   for (uint32_t i = 0; i + 1 < n; i++)
     cost[i][i + 1] = 0;
@@ -233,15 +263,43 @@ static bool triangulate(const struct lod_clod *clod, struct clod_polygon *polygo
         }
       }
     }
-  if (!isfinite(cost[0][n - 1]))
-    return false;
+  return cost[0][n - 1];
+}
+
+static void cut_up(struct clod_polygon *polygon, const uint8_t best[CLOD_RING][CLOD_RING]) {
   polygon->triangle_count = polygon->diagonal_count = 0;
   if (polygon->open)
-    side_name(polygon, 0, n - 1);
-  add_triangles(polygon, (const uint8_t(*)[CLOD_RING])best, 0, n - 1);
+    side_name(polygon, 0, polygon->size - 1);
+  add_triangles(polygon, best, 0, polygon->size - 1);
   for (uint32_t t = 0; t < polygon->triangle_count; t++)
     for (uint32_t s = 0; s < 3; s++)
       polygon->sides[t][s] = side_name(polygon, polygon->triangles[t][s], polygon->triangles[t][(s + 1) % 3]);
+}
+
+/* First as if all diagonals were allowed: looking around every ring vertex costs more, and hardly any is not. */
+static bool triangulate(const struct lod_clod *clod, struct clod_polygon *polygon, const uint32_t *pair) {
+  bool allowed[CLOD_RING][CLOD_RING], good = pair == NULL;
+  uint8_t best[CLOD_RING][CLOD_RING];
+  if (pair == NULL) {
+    memset(allowed, 1, sizeof allowed);
+    if (!isfinite(cheapest(clod, polygon, (const bool(*)[CLOD_RING])allowed, best)))
+      return false;
+    cut_up(polygon, (const uint8_t(*)[CLOD_RING])best);
+    for (uint32_t d = 0; d < polygon->diagonal_count && good; d++)
+      good = !is_joined(clod, polygon, polygon->diagonals[d][0], polygon->ring[polygon->diagonals[d][1]]);
+    if (good)
+      return true;
+  }
+  find_forbidden(clod, polygon, allowed);
+  if (pair != NULL) {
+    uint32_t p = clod_ring_number(polygon, pair[0]), q = clod_ring_number(polygon, pair[1]);
+    if (p == LOD_NONE || q == LOD_NONE || !allowed[p][q])
+      return false;
+    force(polygon, p < q ? p : q, p < q ? q : p, allowed);
+  }
+  if (!isfinite(cheapest(clod, polygon, (const bool(*)[CLOD_RING])allowed, best)))
+    return false;
+  cut_up(polygon, (const uint8_t(*)[CLOD_RING])best);
   return true;
 }
 

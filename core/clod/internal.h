@@ -160,6 +160,7 @@ struct clod_hole {
   struct lod_bezier nets[CLOD_HALVES][CLOD_RING];
   double bounds[CLOD_HALVES][CLOD_RING], estimates[CLOD_HALVES][CLOD_RING];
   double offs[CLOD_HALVES][CLOD_RING][2]; /* of UVs and colours */
+  bool regular[CLOD_HALVES][CLOD_RING];   /* lod_bezier_is_regular */
   double bound;                           /* of the distance */
   double cost;                            /* the larger of that and what UVs and colours count as */
   bool paper;                             /* merged by inverse subdivision */

@@ -157,16 +157,17 @@ static void gather_net(const struct lod_clod *clod, const struct clod_polygon *p
   lod_bezier_set_centre(net);
 }
 
-/* A fitted centre that folds the patch goes back towards where the edges alone would have it. */
-static void unfold(struct lod_bezier *net, struct lod_vec3 plain) {
+/* A fitted centre that folds the patch goes back towards where the edges alone would have it. Whether it is regular then. */
+static bool unfold(struct lod_bezier *net, struct lod_vec3 plain) {
   static const double kShares[] = {1, 0.5, 0};
   struct lod_vec3 fitted = net->p[LOD_BEZIER_CENTRE];
   for (int i = 0; i < 3; i++) {
     net->p[LOD_BEZIER_CENTRE] = lod_vec3_add_scaled(plain, lod_vec3_subtract(fitted, plain), kShares[i]);
     if (lod_bezier_is_regular(net))
-      return;
+      return true;
   }
   net->p[LOD_BEZIER_CENTRE] = fitted;
+  return false;
 }
 
 static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, double limit) {
@@ -186,6 +187,7 @@ static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, dou
         hole->estimates[h][i] = clod_estimate(clod, hole, h, i);
         hole->bounds[h][i] = clod_patch_bound(clod, net, nodes, cells, cell_count, limit);
         hole->bound = fmax(hole->bound, hole->bounds[h][i]);
+        hole->regular[h][i] = lod_bezier_is_regular(net);
         continue;
       }
       hole->estimates[h][i] = 0;
@@ -196,7 +198,7 @@ static void fit_patches(const struct lod_clod *clod, struct clod_hole *hole, dou
         net->p[LOD_BEZIER_CENTRE] = guess;
         clod_fit_centre(clod, net, nodes, node_count, cells, cell_count);
       }
-      unfold(net, guess);
+      hole->regular[h][i] = unfold(net, guess);
       hole->bounds[h][i] = clod_patch_bound(clod, net, nodes, cells, cell_count, limit);
       hole->bound = fmax(hole->bound, hole->bounds[h][i]);
     }
@@ -270,7 +272,7 @@ static bool makes_folds(const struct lod_clod *clod, const struct clod_hole *hol
   for (uint32_t h = 0; h < hole->half_count; h++)
     for (uint32_t i = 0; i < hole->halves[h].triangle_count; i++) {
       const struct lod_bezier *net = &hole->nets[h][i];
-      after += !lod_bezier_is_regular(net);
+      after += !hole->regular[h][i];
       for (uint32_t k = 0; k < 3; k++) {
         struct lod_bezier other;
         uint32_t l;
@@ -434,22 +436,25 @@ enum lod_status clod_give_up(struct lod_clod *clod) {
  */
 static const double kEase = 1.1;
 
-/* Cheap guess before a removal was tried: how far the vertex stands above its neighbours' mean. */
+/* Cheap guess before a removal was tried: half of how far the vertex stands above its neighbours' mean, but no less than the bounds of its
+ * patches, since what replaces these is hardly ever nearer to the source. A guess that is too low costs a try; these are about right. */
 static double guess_key(const struct lod_clod *clod, uint32_t v) {
   uint32_t half = clod->half[v];
   if (half == LOD_NONE)
     return INFINITY;
   struct lod_vec3 sum = {0, 0, 0};
-  double count = 0;
+  double count = 0, bound = 0;
   uint32_t at = half;
   do {
-    sum = lod_vec3_add(sum, clod->positions[clod->patches[at / 3].corners[(at + 1) % 3]]);
+    const struct clod_patch *patch = &clod->patches[at / 3];
+    bound = fmax(bound, patch->bound);
+    sum = lod_vec3_add(sum, clod->positions[patch->corners[(at + 1) % 3]]);
     count++;
     at = clod_across(clod, at % 3 == 0 ? at + 2 : at - 1);
   } while (at != LOD_NONE && at != half && count < 64);
   struct lod_vec3 mean = lod_vec3_scale(sum, 1 / count);
   struct lod_vec3 normal = clod_sector_normal(clod, clod->patches[half / 3].sectors[half % 3]);
-  return 0.1 * fabs(lod_vec3_dot(normal, lod_vec3_subtract(clod->positions[v], mean)));
+  return fmax(bound, 0.5 * fabs(lod_vec3_dot(normal, lod_vec3_subtract(clod->positions[v], mean))));
 }
 
 enum lod_status clod_prepare(struct lod_clod *clod) {
