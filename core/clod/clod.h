@@ -63,12 +63,15 @@ struct lod_clod_search_settings {
   double angle_degrees; /* by how much a pair of edges may turn; 20. The paper relaxes it from C-LOD to C-LOD */
   double error;         /* merges that are certified to be off by more are not made; INFINITY = the paper, which does not ask */
   uint32_t patches;     /* stop there */
+  bool wide; /* vertices of a degree over 6 too: as many swaps as bring it down to 4, and a T on either side (8.2: "multiple swap diagonal
+                operations"), at once; false */
 };
 struct lod_clod_search_settings lod_clod_search_defaults(void);
 
 struct lod_clod_search_facts {
   uint32_t t, star, two_t, t_in_t; /* patterns found */
   uint32_t swaps;                  /* diagonals swapped so that a T is left */
+  uint32_t wide;                   /* vertices of a degree over 6 that are among the removed */
   uint32_t removed, retained;      /* vertices, as tagged */
   uint32_t refused;                /* of those removed: could not be merged as tagged, for folds, edges that exist or the error */
   double estimate;                 /* the paper's (10), accumulated: largest distance of control points when patches are subdivided again,
@@ -77,6 +80,10 @@ struct lod_clod_search_facts {
 /* LOD_MEMORY, LOD_CANCELLED. When facts->removed less refused is 0 the search is stuck at this angle. */
 LOD_WARN_UNUSED enum lod_status lod_clod_search(struct lod_clod *clod, const struct lod_clod_search_settings *settings,
                                                 const struct lod_progress *progress, struct lod_clod_search_facts *facts);
+
+/* For a search that is stuck (8.2): curves of edges are moved into planes, corners and tangent planes kept, neighbours alike so that no
+ * crack opens, wherever the patches stay within `error` and do not fold. One more C-LOD with as many patches; *moved: edges. LOD_MEMORY. */
+LOD_WARN_UNUSED enum lod_status lod_clod_straighten(struct lod_clod *clod, double error, uint32_t *moved);
 
 /* Facts of now. error: bound of the two-sided distance to the source, model units. */
 struct lod_clod_facts {

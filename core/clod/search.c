@@ -146,11 +146,47 @@ static void match_side(struct search *s, const struct ring *ring, uint32_t i, ui
   s->facts->swaps++;
 }
 
+/* A vertex of a degree over 6: the straightest pair of its edges with two faces or more on either side, all others swapped away. */
+static void start_wide(struct search *s, uint32_t v) {
+  const struct lod_clod *clod = s->clod;
+  struct clod_hole *hole = s->clod->hole;
+  s->tags[v] = RETAINED;
+  if (!clod_hole_open(clod, v, NULL, hole))
+    return;
+  const struct clod_polygon *polygon = &hole->halves[0];
+  struct lod_vec3 legs[CLOD_RING];
+  for (uint32_t i = 0; i < polygon->size; i++) {
+    uint32_t side = clod->patches[polygon->old[i] / 3].sides[polygon->old[i] % 3];
+    legs[i] = lod_vec3_normalize(lod_vec3_subtract(clod->edges[side >> 1].inner[side & 1], clod->positions[v]));
+    if (!may_stay(s, polygon->ring[i]))
+      return;
+  }
+  uint32_t best[2] = {0, 0};
+  double straightest = s->cosine;
+  for (uint32_t i = 0; i < polygon->size; i++)
+    for (uint32_t j = i + 2; j < polygon->size && j + 2 <= polygon->size + i; j++)
+      if (-lod_vec3_dot(legs[i], legs[j]) >= straightest) {
+        straightest = -lod_vec3_dot(legs[i], legs[j]);
+        best[0] = i, best[1] = j;
+      }
+  if (best[1] == 0)
+    return;
+  s->tags[v] = REMOVED;
+  for (uint32_t i = 0; i < polygon->size; i++)
+    retain(s, polygon->ring[i]);
+  s->facts->wide++;
+  s->facts->swaps += polygon->size - 4;
+  s->facts->t += 2;
+  log_merge(s, v, polygon->ring[best[0]], polygon->ring[best[1]]);
+}
+
 /* A vertex inside a face, from which a search begins: one side is matched and stopped, the other goes on. */
 static void start_inside(struct search *s, uint32_t v) {
   struct ring ring;
   if (!gather(s->clod, v, &ring)) {
     s->tags[v] = RETAINED;
+    if (s->settings->wide)
+      start_wide(s, v);
     return;
   }
   if (ring.count == 3) { /* a star: the vertex may stand out of the plane of its three neighbours by the angle */

@@ -156,7 +156,8 @@ static enum lod_status choose_model(const struct run *run, uint32_t u) {
   return LOD_OK;
 }
 
-/* C-LOD after C-LOD of the paper's search, until it is stuck with edges that turn by a right angle. */
+/* C-LOD after C-LOD of the paper's search, until it is stuck with edges that turn by a right angle. Where it is stuck before, vertices of
+ * high degree go too, curves are moved into planes, and the angle is relaxed (Gopi & Manocha 1998, 8.2). */
 static enum lod_status search_patterns(struct lod_clod *clod, uint32_t wanted, double error, const struct lod_progress *progress) {
   struct lod_clod_search_settings settings = lod_clod_search_defaults();
   settings.patches = wanted;
@@ -165,8 +166,14 @@ static enum lod_status search_patterns(struct lod_clod *clod, uint32_t wanted, d
   for (lod_clod_facts(clod, &facts); facts.patches > wanted && settings.angle_degrees < 90; lod_clod_facts(clod, &facts)) {
     struct lod_clod_search_facts found;
     LOD_TRY(lod_clod_search(clod, &settings, progress, &found));
-    if (found.removed - found.refused <= facts.vertices / 100)
+    if (found.removed - found.refused > facts.vertices / 100)
+      continue;
+    uint32_t moved;
+    if (settings.wide) {
+      LOD_TRY(lod_clod_straighten(clod, error, &moved));
       settings.angle_degrees *= 1.3;
+    }
+    settings.wide = true;
   }
   return LOD_OK;
 }

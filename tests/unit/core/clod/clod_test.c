@@ -8,11 +8,10 @@
  * affine pairs: dynamic_test (strict patches). P3-6, P3-7 every_triangle_becomes_a_patch, a_cube_keeps_its_twelve_edges. P3-8, P3-9
  * bezier_test (refined centre). P3-10 spline_test, charts_say_where_triangles_lie_on_their_patches. P3-11 to P3-18, P3-22
  * the_papers_search_finds_all_its_patterns (3T is argued away by the paper; of swaps the estimate is blind). P3-19
- * all_levels_live_in_one_structure. P3-20 the angle is relaxed; several swaps at once and moving control points towards planes are not
- * built: lod_clod_simplify has no use for them. P3-21 (i) here; (ii), (iii) tessellate_test. P3-23 dynamic_test, tessellate_test, web
- * patches.test. P3-24, P3-25 tests/bench/clod_bench prints bytes and rows. P3-26 swaps are certified with the removal they belong to;
- * merging_makes_no_folds. P3-27 bounded error: the_bound_holds_at_every_stage; strict G1: dynamic_test. Change of topology and parallel
- * merging within a unit: not built. */
+ * all_levels_live_in_one_structure. P3-20 a_stuck_search_goes_on. P3-21 (i) here; (ii), (iii) tessellate_test. P3-23 dynamic_test,
+ * tessellate_test, web patches.test. P3-24, P3-25 tests/bench/clod_bench prints bytes and rows. P3-26 swaps are certified with the removal
+ * they belong to; merging_makes_no_folds. P3-27 bounded error: the_bound_holds_at_every_stage; strict G1: dynamic_test. Change of topology
+ * and parallel merging within a unit: not built. */
 #include "core/clod/clod.h"
 
 #include <math.h>
@@ -399,6 +398,58 @@ static void the_papers_search_finds_all_its_patterns(void **state) {
   assert_true(sum.t > 0 && sum.star > 0 && sum.two_t > 0 && sum.t_in_t > 0 && sum.swaps > 0);
 }
 
+static double out_of_plane(const struct lod_patches *patches, uint32_t e) {
+  struct lod_vec3 a = patches->positions[patches->ends[e][0]], chord = lod_vec3_subtract(patches->positions[patches->ends[e][1]], a);
+  struct lod_vec3 n = lod_vec3_cross(chord, lod_vec3_subtract(patches->inner[e][0], a));
+  double size = lod_vec3_length(n) * lod_vec3_length(chord);
+  return size > 0 ? fabs(lod_vec3_dot(n, lod_vec3_subtract(patches->inner[e][1], a))) / size : 0;
+}
+
+/* P3-20: where no pattern is found at this angle any more, vertices of high degree go, and curves are moved into planes; certified too. */
+static void a_stuck_search_goes_on(void **state) {
+  (void)state;
+  struct lod_mesh torus = lod_shape_torus(arena, 1, 0.4, 60, 30);
+  struct lod_clod *clod = model_of(&torus);
+  struct lod_clod_facts facts, then;
+  struct lod_clod_search_settings settings = lod_clod_search_defaults();
+  struct lod_clod_search_facts found = {.removed = 1};
+  for (int round = 0; round < 60 && found.removed > found.refused; round++)
+    assert_int_equal(lod_clod_search(clod, &settings, NULL, &found), LOD_OK);
+  lod_clod_facts(clod, &then);
+  assert_true(found.removed == found.refused && then.patches > 40);
+  struct lod_patches before = extract(clod, then.clod, NULL);
+  uint32_t moved, wide = 0, planar = 0;
+  double error = 1.5 * then.error;
+  assert_int_equal(lod_clod_straighten(clod, error, &moved), LOD_OK);
+  assert_true(lod_clod_check(clod));
+  lod_clod_facts(clod, &facts);
+  assert_true(moved > 0 && facts.clod == then.clod + 1 && facts.patches == then.patches && facts.error <= error);
+  struct lod_patches after = extract(clod, facts.clod, NULL), again = extract(clod, then.clod, NULL);
+  for (uint32_t e = 0; e < before.edge_count; e++)
+    planar += out_of_plane(&before, e) < 1e-9;
+  for (uint32_t e = 0; e < after.edge_count; e++)
+    planar -= out_of_plane(&after, e) < 1e-9;
+  assert_true((int32_t)planar < 0); /* more are */
+  assert_memory_equal(before.inner, again.inner, before.edge_count * sizeof *before.inner);
+  assert_memory_equal(before.centres, again.centres, before.patch_count * sizeof *before.centres);
+  struct lod_tessellation flat = tessellate(&after, 0.01);
+  struct lod_topology topology;
+  assert_int_equal(lod_topology_measure(&flat.mesh, NULL, arena, &topology), LOD_OK);
+  assert_int_equal(topology.boundary_loops, 0);
+  assert_int_equal(topology.euler, 0);
+  settings.wide = true;
+  for (int round = 0; round < 20; round++) {
+    assert_int_equal(lod_clod_search(clod, &settings, NULL, &found), LOD_OK);
+    wide += found.wide;
+    settings.angle_degrees *= 1.1;
+  }
+  lod_clod_facts(clod, &facts);
+  print_message("stuck at %u patches, %u edges made planar, then %u of high degree tagged to go: %u patches\n", then.patches, moved, wide,
+                facts.patches);
+  assert_true(wide > 0 && facts.patches < then.patches && lod_clod_check(clod));
+  assert_bound_holds(&torus, clod);
+}
+
 /* What one cubic was split into is put together again, to the last digits: T and star are the inverse of de Casteljau's algorithm. */
 static void the_papers_merges_undo_splits(void **state) {
   (void)state;
@@ -425,6 +476,7 @@ int main(void) {
       cmocka_unit_test(the_same_input_gives_the_same_bits),
       cmocka_unit_test(merging_makes_no_folds),
       cmocka_unit_test(the_papers_search_finds_all_its_patterns),
+      cmocka_unit_test(a_stuck_search_goes_on),
       cmocka_unit_test(the_papers_merges_undo_splits),
       cmocka_unit_test(a_pillow_of_two_patches_is_left_alone),
       cmocka_unit_test(a_tetrahedron_does_not_close_up),
