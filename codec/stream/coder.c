@@ -138,9 +138,8 @@ static inline uint32_t probability(const struct lod_bit_model *m) {
 }
 
 static inline void learn(const struct lod_coder *c, struct lod_bit_model *m, int limit, int bit) {
-  int32_t p = (int32_t)probability(m), target = bit ? 65535 - 16 : 16;
-  p += (int32_t)((int64_t)(target - p) * c->tables->divisor[m->count] / 65536);
-  m->skew = (uint16_t)(p - 32768);
+  const uint32_t p = probability(m), way = bit ? 65535 - 16 - p : p - 16, by = way * c->tables->divisor[m->count] >> 16; /* below 2^32 */
+  m->skew = (uint16_t)((bit ? p + by : p - by) - 32768);
   m->count = (uint16_t)(m->count + (m->count < limit));
 }
 

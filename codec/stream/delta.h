@@ -27,7 +27,7 @@
 #define LOD_DELTA_TYPE "application/vnd.lodestream.delta"
 
 enum {
-  LOD_DELTA_VERSION = 2,
+  LOD_DELTA_VERSION = 3,
   LOD_DELTA_MAX_HEADER_BYTES = 160, /* as many bytes as are there, up to this many, are enough for lod_delta_inspect */
 };
 

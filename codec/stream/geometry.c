@@ -11,6 +11,9 @@
 
 enum { SWEEPS = 4, ITERATIONS = 12, DEGREE = 64, LENGTHS = 25, BUCKETS = 40, FRACTIONS = 4 };
 
+/* Of a gradient, squared, in steps, the mean over vertices: the least-squares mesh is near enough. */
+#define SETTLED 0.03
+
 /* Everything that learns. */
 struct step_residual_models {
   struct lod_bit_model length[3][3][BUCKETS][LENGTHS][FRACTIONS], first[3][BUCKETS][LENGTHS], second[3][LENGTHS][2],
@@ -21,11 +24,26 @@ struct step_residual_models {
 
 /* ---- kept vertices ---- */
 
+/* Kept vertices lie within about half a step of the coarser grid, so how far from it depends on where between two steps of the finer one
+ * that place is: in eighths of a step from the nearest, counted from its own side. */
+struct kept_models {
+  struct lod_number_model size[FRACTIONS];
+  struct lod_bit_model side[FRACTIONS][4]; /* by the size, at most 3 */
+};
+
+static int32_t code_shift(struct lod_coder *c, struct kept_models *m, float from_nearest, int32_t shift) {
+  const bool below = from_nearest < 0;
+  const float f = below ? -from_nearest : from_nearest;
+  const int part = f < 0.125f ? 0 : f < 0.25f ? 1 : f < 0.375f ? 2 : 3;
+  const uint32_t size = lod_coder_number(c, &m->size[part], shift < 0 ? 0u - (uint32_t)shift : (uint32_t)shift);
+  if (size == 0)
+    return 0;
+  const bool away = lod_coder_bit(c, &m->side[part][size < 3 ? size : 3], LOD_ADAPT, (shift < 0) != below);
+  return (int32_t)(away != below ? 0u - size : size);
+}
+
 enum lod_status lod_step_kept(struct step *s) {
-  struct {
-    struct lod_number_model axis[3];
-    struct lod_bit_model sign[3];
-  } *m = lod_arena_calloc(s->scratch, 1, sizeof *m);
+  struct kept_models *m = lod_arena_calloc(s->scratch, 1, sizeof *m);
   if (m == NULL)
     return LOD_MEMORY;
   const size_t before = s->coder.out_size;
@@ -36,9 +54,9 @@ enum lod_status lod_step_kept(struct step *s) {
     if (lod_coder_overrun(&s->coder))
       return lod_step_bad(s, "kept vertices");
     for (int i = 0; i < 3; i++) {
-      int32_t at = s->base.cells[b][i];
-      uint32_t q = (uint32_t)at +
-                   (uint32_t)lod_coder_signed(&s->coder, &m->axis[i], &m->sign[i], (int32_t)((uint32_t)s->cells[v][i] - (uint32_t)at));
+      const int32_t at = s->base.cells[b][i];
+      const float fraction = s->base.positions[b][i] - (float)at;
+      const uint32_t q = (uint32_t)at + (uint32_t)code_shift(&s->coder, m, fraction, (int32_t)((uint32_t)s->cells[v][i] - (uint32_t)at));
       if (q >= 1u << 24)
         return lod_step_bad(s, "kept vertices");
       s->cells[v][i] = (int32_t)q;
@@ -61,13 +79,12 @@ static lod_v4 mean(const struct step *s, const lod_v4 *x, uint32_t v) {
 }
 
 /* How far each vertex is from the mean of its neighbours. */
-static void laplacian(const struct step *s, const lod_v4 *x, lod_v4 *out) {
-  for (uint32_t v = 0; v < s->header.vertices; v++)
-    out[v] = s->share[v] > 0 ? x[v] - mean(s, x, v) : (lod_v4){0, 0, 0, 0};
+static inline lod_v4 laplacian(const struct step *s, const lod_v4 *x, uint32_t v) {
+  return s->share[v] > 0 ? x[v] - mean(s, x, v) : (lod_v4){0, 0, 0, 0};
 }
 
 /* Half the gradient of the sum of squares of `lap` with respect to vertex v. */
-static lod_v4 gradient(const struct step *s, const lod_v4 *lap, uint32_t v) {
+static inline lod_v4 gradient(const struct step *s, const lod_v4 *lap, uint32_t v) {
   const struct lod_adjacency *n = &s->adjacency;
   lod_v4 sum = lap[v];
   uint32_t i = n->first[v];
@@ -129,45 +146,77 @@ static void add_dot(lod_v4 a, lod_v4 b, double sums[3]) {
     sums[i] += (double)c[i];
 }
 
+/* Laplacians of `x`, and what each takes part with in the gradients of its neighbours. */
+struct field {
+  lod_v4 *lap, *part;
+};
+
+static void find_laplacians(const struct step *s, const lod_v4 *x, struct field f) {
+  for (uint32_t v = 0; v < s->header.vertices; v++) {
+    f.lap[v] = laplacian(s, x, v);
+    f.part[v] = f.lap[v] * s->inner[v];
+  }
+}
+
+/* As gradient(), to the bit. */
+static inline lod_v4 field_gradient(const struct step *s, struct field f, uint32_t v) {
+  const struct lod_adjacency *n = &s->adjacency;
+  lod_v4 sum = f.lap[v];
+  uint32_t i = n->first[v];
+  for (const uint32_t end = i + s->rim[v]; i < end; i++)
+    sum -= f.lap[n->list[i]] * s->share[n->list[i]];
+  for (; i < n->first[v + 1]; i++)
+    sum -= f.part[n->list[i]];
+  return sum;
+}
+
+/* One step of conjugate gradients; false when nothing is gained by another. */
+static bool descend(struct step *s, lod_v4 *x, lod_v4 *residual, lod_v4 *direction, struct field f, double square[3]) {
+  find_laplacians(s, direction, f);
+  double curvature[3] = {0, 0, 0}, next[3] = {0, 0, 0};
+  for (uint32_t v = 0; v < s->header.vertices; v++)
+    add_dot(f.lap[v], f.lap[v], curvature);
+  lod_v4 alpha = {0, 0, 0, 0}, beta = {0, 0, 0, 0};
+  for (int i = 0; i < 3; i++)
+    alpha[i] = curvature[i] > 0 ? (float)(square[i] / curvature[i]) : 0;
+  for (uint32_t i = s->kept_count; i < s->reached; i++) {
+    const uint32_t v = s->order[i];
+    x[v] += alpha * direction[v];
+    residual[v] -= alpha * field_gradient(s, f, v);
+    add_dot(residual[v], residual[v], next);
+  }
+  for (int i = 0; i < 3; i++) {
+    beta[i] = square[i] > 0 ? (float)(next[i] / square[i]) : 0;
+    square[i] = next[i];
+  }
+  if (square[0] + square[1] + square[2] <= SETTLED * (s->reached - s->kept_count))
+    return false;
+  for (uint32_t i = s->kept_count; i < s->reached; i++)
+    direction[s->order[i]] = residual[s->order[i]] + beta * direction[s->order[i]];
+  return true;
+}
+
 /* Conjugate gradients for the vertices that are not kept, each coordinate by itself. */
 static enum lod_status minimise(struct step *s, lod_v4 *x) {
   const uint32_t vertices = s->header.vertices;
   struct lod_arena *scratch = lod_arena_create_child(s->scratch);
   lod_v4 *residual = scratch == NULL ? NULL : LOD_NEW(scratch, vertices, lod_v4);
   lod_v4 *direction = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, vertices, lod_v4);
-  lod_v4 *lap = scratch == NULL ? NULL : LOD_NEW(scratch, vertices, lod_v4);
-  if (residual == NULL || direction == NULL || lap == NULL) {
+  struct field f = {scratch == NULL ? NULL : LOD_NEW(scratch, vertices, lod_v4),
+                    scratch == NULL ? NULL : LOD_NEW(scratch, vertices, lod_v4)};
+  if (residual == NULL || direction == NULL || f.lap == NULL || f.part == NULL) {
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }
-  laplacian(s, x, lap);
+  find_laplacians(s, x, f);
   double square[3] = {0, 0, 0};
   for (uint32_t i = s->kept_count; i < s->reached; i++) {
     uint32_t v = s->order[i];
-    direction[v] = residual[v] = -gradient(s, lap, v);
+    direction[v] = residual[v] = -field_gradient(s, f, v);
     add_dot(residual[v], residual[v], square);
   }
-  for (int iteration = 0; iteration < ITERATIONS; iteration++) {
-    laplacian(s, direction, lap);
-    double curvature[3] = {0, 0, 0}, next[3] = {0, 0, 0};
-    for (uint32_t v = 0; v < vertices; v++)
-      add_dot(lap[v], lap[v], curvature);
-    lod_v4 alpha = {0, 0, 0, 0}, beta = {0, 0, 0, 0};
-    for (int i = 0; i < 3; i++)
-      alpha[i] = curvature[i] > 0 ? (float)(square[i] / curvature[i]) : 0;
-    for (uint32_t i = s->kept_count; i < s->reached; i++) {
-      uint32_t v = s->order[i];
-      x[v] += alpha * direction[v];
-      residual[v] -= alpha * gradient(s, lap, v);
-      add_dot(residual[v], residual[v], next);
-    }
-    for (int i = 0; i < 3; i++) {
-      beta[i] = square[i] > 0 ? (float)(next[i] / square[i]) : 0;
-      square[i] = next[i];
-    }
-    for (uint32_t i = s->kept_count; i < s->reached; i++)
-      direction[s->order[i]] = residual[s->order[i]] + beta * direction[s->order[i]];
-  }
+  for (int iteration = 0; iteration < ITERATIONS && descend(s, x, residual, direction, f, square);)
+    iteration++;
   lod_arena_destroy(scratch);
   return LOD_OK;
 }
@@ -199,7 +248,8 @@ enum lod_status lod_step_predict(struct step *s) {
   smooth(s, s->estimates);
   if (s->kept_count < s->reached)
     LOD_TRY(minimise(s, s->estimates));
-  laplacian(s, s->estimates, s->laplacian);
+  for (uint32_t v = 0; v < vertices; v++)
+    s->laplacian[v] = laplacian(s, s->estimates, v);
   return LOD_OK;
 }
 

@@ -19,7 +19,7 @@
 #define LOD_UNITS_TYPE "application/vnd.lodestream.units"
 
 enum {
-  LOD_UNITS_VERSION = 1,
+  LOD_UNITS_VERSION = 2,
   LOD_UNITS_INDEX_HEAD = 10,     /* as many bytes tell how long the index is: lod_units_index_bytes */
   LOD_UNITS_TRIANGLES = 2048,    /* default for most_triangles */
   LOD_UNITS_INDEX_MOST = 1 << 24 /* bytes: the longest index that is read */

@@ -10,7 +10,7 @@
 
 struct lod_retile_settings lod_retile_defaults(void) {
   return (struct lod_retile_settings){.ratio = 4,
-                                      .least = 200,
+                                      .least = 80,
                                       .finest_error = 2e-4,
                                       .placement = LOD_RETILE_ELIMINATION,
                                       .steps = 25,

@@ -82,7 +82,7 @@ struct lod_retile_settings {
   const double *errors;
   uint32_t level_count; /* of `vertices` and `errors`, at most LOD_RETILE_MAX_LEVELS */
   double ratio;         /* of the vertices of neighbouring levels, > 1; 4 */
-  uint32_t least;       /* about the vertices of the coarsest level; 200. The family starts where lines leave half to the surface. */
+  uint32_t least;       /* about the vertices of the coarsest level; 80. The family starts where lines leave half to the surface. */
   double finest_error;  /* the ladder ends near the vertices that this error (share of the diagonal) needs, or the source has; 2e-4 */
 
   enum lod_retile_placement placement;

@@ -81,6 +81,10 @@ bool lod_envelope_recipe_nests(const struct lod_bake_request *request) {
   return options_of(request, &status, NULL).nested && status == LOD_OK;
 }
 
+/* Each step of a chain of deltas pays the connectivity of its level: with levels farther apart, all of them together are no more bytes than
+ * the finest one alone. */
+static const double kNestedGain = 0.6;
+
 enum lod_status lod_envelope_recipe(const struct lod_bake_request *request, const double *errors, uint32_t error_count, double diagonal,
                                     struct lod_arena *arena, const struct lod_envelope_settings **settings, struct lod_problem *problem) {
   enum lod_status status;
@@ -110,6 +114,8 @@ enum lod_status lod_envelope_recipe(const struct lod_bake_request *request, cons
     const double *ladder = lod_envelope_ladder(&envelope->epsilon_count);
     for (uint32_t i = 0; i < envelope->epsilon_count; i++)
       epsilons[i] = ladder[i] * diagonal;
+    if (options.nested)
+      envelope->least_gain = kNestedGain;
   }
   *settings = envelope->epsilon_count == 0 ? NULL : envelope;
   return LOD_OK;
