@@ -101,6 +101,9 @@ static enum lod_status start_pool(struct daemon *daemon, struct lod_problem *pro
   settings.deadline_seconds = (double)config->refine_seconds;
   settings.memory_limit_bytes = config->refine_memory;
   settings.log = log_line;
+  char folder[4096];
+  int length = snprintf(folder, sizeof folder, "%s/work", config->store);
+  settings.folder = length > 0 && (size_t)length < sizeof folder ? folder : NULL;
   LOD_TRY(lod_pool_create(&settings, &daemon->pool, problem));
   daemon->errands = lod_errands_create(daemon->pool);
   return daemon->errands ? LOD_OK : lod_fail_memory(problem);

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <jansson.h>
+#include <limits.h>
 #include <math.h>
 #include <poll.h>
 #include <pthread.h>
@@ -39,7 +40,7 @@ struct runner {
 
 struct lod_pool {
   struct lod_pool_settings settings;
-  char *worker_path;
+  char *worker_path, *folder;
   pthread_mutex_t mutex;
   pthread_cond_t queued;
   struct lod_pool_job *first, **last;
@@ -128,11 +129,13 @@ static bool write_frames(struct runner *runner, char type, const void *bytes, si
   return set_blocking(fd, false) && written;
 }
 
-/* A worker writes nothing, but its jail wants a folder: one that is removed as soon as it is open. */
-static int private_folder(void) {
-  char path[] = "/tmp/lodestream-refine-XXXXXX";
-  if (mkdtemp(path) == NULL)
-    return -1;
+/* A worker writes nothing, but its jail wants a folder: one that is removed as soon as it is open. In a container with a read-only root
+ * there is no /tmp, and on a full disk or in a read-only store there may be no other. */
+static int private_folder(const char *folder) {
+  char path[PATH_MAX];
+  int length = snprintf(path, sizeof path, "%s/refine-XXXXXX", folder != NULL ? folder : "/tmp");
+  if (length < 0 || (size_t)length >= sizeof path || mkdtemp(path) == NULL)
+    return folder != NULL ? private_folder(NULL) : -1;
   int fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   rmdir(path);
   return fd;
@@ -140,7 +143,7 @@ static int private_folder(void) {
 
 static enum lod_status start_worker(struct runner *runner, struct lod_problem *problem) {
   struct lod_pool *pool = runner->pool;
-  int folder = private_folder(), input = open("/dev/null", O_RDONLY | O_CLOEXEC);
+  int folder = private_folder(pool->folder), input = open("/dev/null", O_RDONLY | O_CLOEXEC);
   struct lod_spawn_settings settings = {.path = pool->worker_path,
                                         .input_fd = input,
                                         .output_fd = folder,
@@ -498,7 +501,10 @@ struct lod_pool_counts lod_pool_counts(struct lod_pool *pool) {
 enum lod_status lod_pool_create(const struct lod_pool_settings *settings, struct lod_pool **result, struct lod_problem *problem) {
   struct lod_pool *pool = calloc(1, sizeof *pool);
   *result = NULL;
-  if (pool == NULL || (pool->worker_path = strdup(settings->worker_path)) == NULL) {
+  if (pool == NULL || (pool->worker_path = strdup(settings->worker_path)) == NULL ||
+      (settings->folder != NULL && (pool->folder = strdup(settings->folder)) == NULL)) {
+    if (pool != NULL)
+      free(pool->worker_path);
     free(pool);
     return lod_fail_memory(problem);
   }
@@ -552,5 +558,6 @@ void lod_pool_destroy(struct lod_pool *pool) {
   pthread_cond_destroy(&pool->queued);
   pthread_mutex_destroy(&pool->mutex);
   free(pool->worker_path);
+  free(pool->folder);
   free(pool);
 }

@@ -32,6 +32,7 @@ struct lod_pool_settings {
   uint32_t queue_limit;                         /* requests that wait for a worker; default 32 */
   double deadline_seconds;                      /* from submit to answer; default 10 */
   uint64_t memory_limit_bytes;                  /* of one worker; default 2 GiB */
+  const char *folder;                           /* a writable one, for a moment at each worker's start; NULL, or not so: /tmp */
   void (*log)(void *context, const char *line); /* any thread; NULL = standard error */
   void *context;
 };

@@ -5,9 +5,13 @@
 
 #include <cmocka.h>
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdlib.h>
+#include <sys/stat.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "server/jobs/pool.h"
 #include "tests/unit/server/jobs/pool_worker.h"
@@ -24,6 +28,8 @@ static void quiet(void *context, const char *line) {
   (void)context, (void)line;
 }
 
+static const char *folder; /* of the next pool's workers */
+
 static struct lod_pool *pool_of(uint32_t workers, uint32_t queue, double seconds) {
   struct lod_pool_settings settings = lod_pool_defaults();
   struct lod_pool *pool;
@@ -34,6 +40,7 @@ static struct lod_pool *pool_of(uint32_t workers, uint32_t queue, double seconds
   settings.deadline_seconds = seconds;
   settings.memory_limit_bytes = UINT64_C(1) << 44; /* a sanitizer's shadow counts */
   settings.log = quiet;
+  settings.folder = folder;
   if (lod_pool_create(&settings, &pool, &problem) != LOD_OK)
     fail_msg("%s", problem.detail);
   return pool;
@@ -297,6 +304,27 @@ static void test_a_program_that_is_not_there_is_a_clear_error(void **state) {
   lod_pool_destroy(pool);
 }
 
+/* A container's root is read-only, /tmp with it; on a full disk the store is. */
+static void test_workers_start_in_the_folder_given_or_in_tmp(void **state) {
+  (void)state;
+  char own[] = "/tmp/lodestream-pool-XXXXXX";
+  assert_non_null(mkdtemp(own));
+  const struct timespec long_ago[2] = {{0, 0}, {0, 0}};
+  struct stat facts;
+  assert_int_equal(utimensat(AT_FDCWD, own, long_ago, 0), 0);
+  const char *const folders[] = {own, "/nowhere/at/all"};
+  for (int i = 0; i < 2; i++) {
+    folder = folders[i];
+    struct lod_pool *pool = pool_of(1, 4, 60);
+    assert_true(answered_by(pool) > 0);
+    lod_pool_destroy(pool);
+  }
+  folder = NULL;
+  assert_int_equal(stat(own, &facts), 0);
+  assert_true(facts.st_mtim.tv_sec > 0); /* something was made in it, */
+  assert_int_equal(rmdir(own), 0);       /* and is gone */
+}
+
 int main(int argc, char **argv) {
   if (argc == 2 && strcmp(argv[1], "worker") == 0)
     return act_as_pool_worker();
@@ -311,6 +339,7 @@ int main(int argc, char **argv) {
       cmocka_unit_test(test_a_worker_that_does_not_stop_is_ended),
       cmocka_unit_test(test_deadlines_hold_at_work_and_in_the_queue),
       cmocka_unit_test(test_the_end_tells_everybody),
+      cmocka_unit_test(test_workers_start_in_the_folder_given_or_in_tmp),
       cmocka_unit_test(test_a_program_that_is_not_there_is_a_clear_error),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
