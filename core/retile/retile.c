@@ -110,7 +110,8 @@ static enum lod_status choose_by_error(const struct lod_mesh *mesh, const struct
     double needed;
     LOD_TRY(retile_vertices_for(mesh, errors[k], arena, &needed));
     needed = fmin(fmax(4, kBegin * needed), 0.7 * mesh->vertex_count);
-    goals[k] = (struct retile_goal){.vertices = (uint32_t)lrint(needed), .most = UINT32_MAX, .error = errors[k]};
+    /* A level of more vertices than the source would not be worth having: the source itself misses by nothing. */
+    goals[k] = (struct retile_goal){.vertices = (uint32_t)lrint(needed), .most = mesh->vertex_count, .error = errors[k]};
   }
   return LOD_OK;
 }

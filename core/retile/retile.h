@@ -40,7 +40,7 @@
  * Not built: removal of handles (P1-38 removes pieces, with `prune`): a tiny handle keeps a few vertices in every level. A vertex with more
  * than 62 triangles, or on a narrow strip between two lines, may be retained. Points inside non-manifold cuts and along their edges are
  * neither added nor removed, so a soup whose edges are mostly of three triangles and more does not get coarse. An error near the size of
- * the source's own triangles may stay unproven. */
+ * the source's own triangles may stay unproven: such a level has up to as many vertices as the source, and `bound` is INFINITY. */
 #ifndef LOD_CORE_RETILE_RETILE_H
 #define LOD_CORE_RETILE_RETILE_H
 
@@ -76,8 +76,8 @@ enum lod_retile_projection {
 
 struct lod_retile_settings {
   /* Of each level; one, both or none. Vertices alone (any order): exactly so many. Errors alone (any order; model units): as few vertices
-   * as prove it. Both (coarsest first): an error of 0 leaves the level to its number; else it begins with that and grows up to twice as
-   * many. None: the ladder that follows from the next three. */
+   * as prove it, and no more than the source has. Both (coarsest first): an error of 0 leaves the level to its number; else it begins with
+   * that and grows up to twice as many. None: the ladder that follows from the next three. */
   const uint32_t *vertices;
   const double *errors;
   uint32_t level_count; /* of `vertices` and `errors`, at most LOD_RETILE_MAX_LEVELS */

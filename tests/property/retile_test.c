@@ -259,7 +259,7 @@ static void walk_folder(const char *folder, unsigned seconds) {
     close(fd);
 }
 
-/* LODESTREAM_TEST_TABLE=120: the seconds that a model may take; minutes altogether. What came of it: core/retile/FIGURES.md. */
+/* LODESTREAM_TEST_TABLE=120: the seconds that a model may take; minutes altogether. What came of it: core/retile/MODELS.md. */
 static void every_shared_model_keeps_its_topology(void **state) {
   (void)state;
   const char *shared = lod_shared_folder(), *seconds = getenv("LODESTREAM_TEST_TABLE");
