@@ -32,36 +32,50 @@ struct plan {
   bool asked;    /* counts are what somebody asked for */
 };
 
+/* What the units' shapes take, added up. */
+struct need {
+  double finest;                     /* vertices that the finest error takes by curvature alone */
+  double line_length, corners, area; /* of borders and seams; of all faces; model units */
+};
+
+static enum lod_status add_lines(const struct lod_unit *unit, const struct lod_adjacency *adjacency, struct lod_arena *scratch,
+                                 struct need *need) {
+  const struct lod_mesh *mesh = &unit->mesh;
+  struct lod_features features;
+  struct lod_feature_settings wanted = lod_feature_defaults();
+  wanted.flags = LOD_FEATURE_BOUNDARY | LOD_FEATURE_MATERIAL | LOD_FEATURE_UV_SEAM;
+  LOD_TRY(lod_feature_find(mesh, adjacency, &wanted, scratch, &features));
+  for (uint32_t i = 0; i < features.line_count; i++)
+    for (uint32_t k = features.line_begin[i]; k + 1 < features.line_begin[i + 1]; k++)
+      need->line_length += unit->scale * lod_vec3_distance(lod_vec3_from_float(mesh->positions[features.line_vertices[k]]),
+                                                           lod_vec3_from_float(mesh->positions[features.line_vertices[k + 1]]));
+  need->corners += features.corner_count;
+  return LOD_OK;
+}
+
+static enum lod_status add_unit(const struct lod_unit *unit, double error, struct lod_arena *arena, struct need *need) {
+  const struct lod_mesh *mesh = &unit->mesh;
+  struct lod_arena *scratch = lod_arena_create_child(arena);
+  struct lod_adjacency adjacency;
+  double finest = 0;
+  enum lod_status status = scratch == NULL ? LOD_MEMORY : lod_adjacency_create(mesh, scratch, &adjacency);
+  if (status == LOD_OK && error > 0)
+    status = retile_vertices_for(mesh, &adjacency, error / unit->scale, scratch, &finest);
+  if (status == LOD_OK && (mesh->wedge_count != 0 || mesh->materials != NULL || mesh->parts != NULL))
+    status = add_lines(unit, &adjacency, scratch, need);
+  need->finest += finest;
+  need->area += unit_area(unit);
+  lod_arena_destroy(scratch);
+  return status;
+}
+
 /* Lines that no triangle crosses (borders, seams) take vertices before any surface is left to share: a level with fewer vertices than lets
  * the surface have half shows textures stretched between corners of their charts, and misses by as much as the lines' bends. */
-static enum lod_status need_of_lines(const struct lod_unit *units, uint32_t unit_count, struct lod_arena *arena, double *vertices) {
-  double length = 0, corners = 0, area = 0;
-  *vertices = 0;
-  for (uint32_t u = 0; u < unit_count; u++) {
-    const struct lod_mesh *mesh = &units[u].mesh;
-    area += unit_area(&units[u]);
-    if (mesh->wedge_count == 0 && mesh->materials == NULL && mesh->parts == NULL)
-      continue;
-    struct lod_arena *scratch = lod_arena_create_child(arena);
-    struct lod_adjacency adjacency;
-    struct lod_features features;
-    struct lod_feature_settings wanted = lod_feature_defaults();
-    wanted.flags = LOD_FEATURE_BOUNDARY | LOD_FEATURE_MATERIAL | LOD_FEATURE_UV_SEAM;
-    enum lod_status status = scratch == NULL ? LOD_MEMORY : lod_adjacency_create(mesh, scratch, &adjacency);
-    if (status == LOD_OK)
-      status = lod_feature_find(mesh, &adjacency, &wanted, scratch, &features);
-    for (uint32_t i = 0; status == LOD_OK && i < features.line_count; i++)
-      for (uint32_t k = features.line_begin[i]; k + 1 < features.line_begin[i + 1]; k++)
-        length += units[u].scale * lod_vec3_distance(lod_vec3_from_float(mesh->positions[features.line_vertices[k]]),
-                                                     lod_vec3_from_float(mesh->positions[features.line_vertices[k + 1]]));
-    corners += status == LOD_OK ? features.corner_count : 0;
-    lod_arena_destroy(scratch);
-    LOD_TRY(status);
-  }
+static double need_of_lines(const struct need *need) {
   /* n / 2 = corners + length / (1.5 spacing), with n hexagons of that spacing on the area */
-  double b = area > 0 ? length / (1.5 * sqrt(1.1547005383792517 * area)) : 0, root = b + sqrt(b * b + 2 * corners);
-  *vertices = root * root;
-  return LOD_OK;
+  double b = need->area > 0 ? need->line_length / (1.5 * sqrt(1.1547005383792517 * need->area)) : 0;
+  double root = b + sqrt(b * b + 2 * need->corners);
+  return root * root;
 }
 
 /* The worst place of a level needs about so many times the vertices that its curvature tells. */
@@ -73,22 +87,18 @@ static const double kMostOfSource = 0.6;
  * itself wherever levels are served. */
 static enum lod_status plan_ladder(const struct lod_unit *units, uint32_t unit_count, const struct lod_retile_settings *s,
                                    struct lod_arena *scratch, struct plan *plan) {
-  double finest = 0, vertices = 0, diagonal = 0;
+  double vertices = 0, diagonal = 0;
   for (uint32_t u = 0; u < unit_count; u++) {
     struct lod_bounds bounds = lod_mesh_bounds(&units[u].mesh);
     diagonal = fmax(diagonal, lod_bounds_diagonal(&bounds) * units[u].scale);
     vertices += units[u].mesh.vertex_count;
   }
-  for (uint32_t u = 0; u < unit_count && diagonal > 0; u++) {
-    double needed;
-    LOD_TRY(retile_vertices_for(&units[u].mesh, s->finest_error * diagonal / units[u].scale, scratch, &needed));
-    finest += needed;
-  }
+  struct need need = {0};
+  for (uint32_t u = 0; u < unit_count; u++)
+    LOD_TRY(add_unit(&units[u], s->finest_error * diagonal, scratch, &need));
   /* An error that spacing by curvature does not meet with a quarter of the source's vertices is not worth chasing. */
-  finest *= kErrorReserve;
+  double finest = kErrorReserve * need.finest, lines = need_of_lines(&need);
   bool reachable = finest <= vertices / s->ratio;
-  double lines;
-  LOD_TRY(need_of_lines(units, unit_count, scratch, &lines));
   double least = fmin(fmax(s->least, lines), fmax(s->least, kMostOfSource * vertices));
   finest = fmax(fmin(finest, vertices / s->ratio), fmin(least, vertices));
   double steps = fmax(0, floor(log(finest / fmax(4, least)) / log(s->ratio) + 0.5));

@@ -355,8 +355,10 @@ LOD_WARN_UNUSED enum lod_status extract_level(const struct tiling *tiling, uint3
 
 /* ---- retile.c ---- */
 LOD_WARN_UNUSED enum lod_status retile_check_settings(const struct lod_retile_settings *settings, struct lod_problem *problem);
-/* About the vertices that an error (model units) needs: a hexagonal lattice with edge l on curvature k misses by l * l * k / 8. */
-LOD_WARN_UNUSED enum lod_status retile_vertices_for(const struct lod_mesh *mesh, double error, struct lod_arena *arena, double *vertices);
+/* adjacency: of mesh, or NULL. About the vertices that an error (model units) needs: a hexagonal lattice with edge l on curvature k misses
+ * by l * l * k / 8. */
+LOD_WARN_UNUSED enum lod_status retile_vertices_for(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, double error,
+                                                    struct lod_arena *arena, double *vertices);
 
 static inline uint32_t retile_next(uint32_t h) {
   return lod_half_edge_next(h);

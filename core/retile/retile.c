@@ -70,13 +70,15 @@ static int compare_counts(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-enum lod_status retile_vertices_for(const struct lod_mesh *mesh, double error, struct lod_arena *arena, double *vertices) {
+enum lod_status retile_vertices_for(const struct lod_mesh *mesh, const struct lod_adjacency *adjacency, double error,
+                                    struct lod_arena *arena, double *vertices) {
   struct lod_arena *scratch = lod_arena_create_child(arena);
   struct lod_curvature curvature;
-  struct lod_adjacency adjacency;
-  enum lod_status status = scratch == NULL ? LOD_MEMORY : lod_adjacency_create(mesh, scratch, &adjacency);
+  struct lod_adjacency own;
+  enum lod_status status = scratch == NULL ? LOD_MEMORY : adjacency != NULL ? LOD_OK : lod_adjacency_create(mesh, scratch, &own);
   if (status == LOD_OK)
-    status = lod_curvature_estimate(mesh, &adjacency, LOD_CURVATURE_TENSOR, LOD_TOLERANCE_CREASE_DEGREES, scratch, &curvature);
+    status = lod_curvature_estimate(mesh, adjacency != NULL ? adjacency : &own, LOD_CURVATURE_TENSOR, LOD_TOLERANCE_CREASE_DEGREES, scratch,
+                                    &curvature);
   *vertices = 0;
   for (uint32_t t = 0; status == LOD_OK && t < mesh->triangle_count; t++) {
     struct lod_vec3 p[3];
@@ -108,7 +110,7 @@ static enum lod_status choose_by_error(const struct lod_mesh *mesh, const struct
   qsort(errors, s->level_count, sizeof *errors, compare_errors);
   for (uint32_t k = 0; k < s->level_count; k++) {
     double needed;
-    LOD_TRY(retile_vertices_for(mesh, errors[k], arena, &needed));
+    LOD_TRY(retile_vertices_for(mesh, NULL, errors[k], arena, &needed));
     needed = fmin(fmax(4, kBegin * needed), 0.7 * mesh->vertex_count);
     /* A level of more vertices than the source would not be worth having: the source itself misses by nothing. */
     goals[k] = (struct retile_goal){.vertices = (uint32_t)lrint(needed), .most = mesh->vertex_count, .error = errors[k]};
@@ -136,7 +138,7 @@ static enum lod_status choose_goals(const struct lod_mesh *mesh, const struct lo
   struct lod_bounds bounds = lod_mesh_bounds(mesh);
   double error = s->finest_error * lod_bounds_diagonal(&bounds), finest = 0;
   if (error > 0)
-    LOD_TRY(retile_vertices_for(mesh, error, arena, &finest));
+    LOD_TRY(retile_vertices_for(mesh, NULL, error, arena, &finest));
   bool reachable = 2 * finest <= mesh->vertex_count / s->ratio; /* what takes more is not worth chasing */
   finest = fmin(fmax(2 * finest, s->least), mesh->vertex_count);
   double steps = fmax(0, floor(log(finest / fmax(4, s->least)) / log(s->ratio) + 0.5));
