@@ -9,9 +9,10 @@
 #include "core/base/tolerance.h"
 #include "core/envelope/internal.h"
 #include "core/envelope/quadric.h"
+#include "core/mesh/bvh_tree.h"
 
 /* Hubs of many faces jam certificates later, which look at few faces around. */
-enum { CANCEL_EVERY = 4096, MAX_RING = 64, MAX_SPOKES = 2 * MAX_RING, MOST_FRESH = 16 };
+enum { CANCEL_EVERY = 16384, BLOCK = 4096, MAX_RING = 64, MAX_SPOKES = 2 * MAX_RING, MOST_FRESH = 16 };
 
 /* Normals of faces and of the plane of the overlay: cosine at least this. */
 static const double LEAST_COSINE = 0.1;
@@ -222,17 +223,6 @@ static double bound_of(const struct lod_collapser *c, struct draft *draft, const
   return most * (1 + 1e-9) + draft->rounding;
 }
 
-static enum lod_status push_around(struct lod_collapser *c, uint32_t b) {
-  const struct lod_surface *s = &c->surface;
-  const uint32_t *ring = lod_surface_ring(s, b);
-  c->stamp[b]++;
-  for (uint32_t i = 0; i < s->ring_count[b]; i++)
-    for (int k = 0; k < 3; k++)
-      if (s->face[ring[i]][k] == b) /* an edge's two faces name it once each way; a boundary's is named in any case */
-        LOD_TRY(lod_queue_push_edge(c, b, s->face[ring[i]][k == 2 ? 0 : k + 1]));
-  return LOD_OK;
-}
-
 /* Any vertex of the faces that change: those with one that is suspect are always asked for. */
 static bool is_suspect(const struct lod_collapser *c, const struct lod_attempt *attempt) {
   bool suspect = c->suspect == NULL;
@@ -270,7 +260,55 @@ static enum lod_status try_edge(struct lod_collapser *c, uint32_t a, uint32_t b,
   lod_quadric_add(&c->quadric[b], &c->quadric[a]);
   c->merged[a] = b;
   c->stamp[a]++;
-  return push_around(c, b);
+  c->stamp[b]++;
+  return LOD_OK;
+}
+
+/* Edges keep the entry that they began with: what changed around them since, and to whom their ends went, is looked at when their turn
+ * comes. Costs mostly grow, so they are not late. */
+static enum lod_status next_edge(struct lod_collapser *c, struct draft *draft, struct lod_attempt *attempt) {
+  struct lod_queue_entry e = lod_queue_pop(c);
+  uint32_t a = lod_survivor(c->merged, e.a), b = lod_survivor(c->merged, e.b);
+  if (a == b)
+    return LOD_OK;
+  if (a != e.a || b != e.b || c->stamp[a] != e.stamp_a || c->stamp[b] != e.stamp_b)
+    return lod_queue_push_edge(c, a, b);
+  return try_edge(c, a, b, draft, attempt);
+}
+
+static enum lod_status drain(struct lod_collapser *c, struct draft *draft, struct lod_attempt *attempt,
+                             const struct lod_progress *progress) {
+  for (uint32_t popped = 1; c->heap_count > 0; popped++) {
+    if (popped % CANCEL_EVERY == 0 && lod_progress_cancelled(progress))
+      return LOD_CANCELLED;
+    LOD_TRY(next_edge(c, draft, attempt));
+  }
+  return LOD_OK;
+}
+
+/* Edges inside a block of neighbouring triangles, which the tree over the source tells, then the next block's. What is admitted depends on
+ * bounds and gate and hardly on the order, and a block stays in the caches where the whole does not. */
+static enum lod_status run_blocks(struct lod_collapser *c, struct draft *draft, struct lod_attempt *attempt, struct lod_arena *scratch,
+                                  const struct lod_progress *progress) {
+  struct lod_surface *s = &c->surface;
+  uint32_t *block_of = LOD_NEW(scratch, s->vertex_count, uint32_t);
+  if (block_of == NULL)
+    return LOD_MEMORY;
+  for (uint32_t slot = 0; slot < c->bvh->count; slot++)
+    for (int k = 0; k < 3 && c->bvh->order[slot] < s->face_count && s->face[c->bvh->order[slot]][0] != LOD_NONE; k++)
+      block_of[s->face[c->bvh->order[slot]][k]] = slot / BLOCK; /* the last one's */
+  c->heap_count = 0;
+  for (uint32_t slot = 0; slot < c->bvh->count; slot++) {
+    uint32_t f = c->bvh->order[slot];
+    for (int k = 0; f < s->face_count && k < 3 && s->face[f][0] != LOD_NONE; k++) {
+      uint32_t a = s->face[f][k], b = s->face[f][k == 2 ? 0 : k + 1];
+      if (a < b && block_of[a] == slot / BLOCK && block_of[b] == slot / BLOCK)
+        LOD_TRY(lod_queue_push_edge(c, a, b));
+    }
+    if ((slot + 1) % BLOCK == 0)
+      LOD_TRY(drain(c, draft, attempt, progress));
+  }
+  return drain(c, draft, attempt, progress);
 }
 
 enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struct lod_progress *progress, double *proven) {
@@ -290,13 +328,11 @@ enum lod_status lod_draft_run(struct lod_collapser *c, double limit, const struc
   draft->bound = c->bound;
   draft->proven = c->reached;
   draft->rounding = 2 * lod_tolerance_rounding(lod_mesh_magnitude(c->mesh));
-  enum lod_status status = lod_queue_push_all(c);
-  for (uint32_t tried = 1; status == LOD_OK && c->heap_count > 0; tried++) {
-    struct lod_queue_entry e = lod_queue_pop(c);
-    if (c->stamp[e.a] != e.stamp_a || c->stamp[e.b] != e.stamp_b)
-      continue;
-    status = tried % CANCEL_EVERY == 0 && lod_progress_cancelled(progress) ? LOD_CANCELLED : try_edge(c, e.a, e.b, draft, attempt);
-  }
+  enum lod_status status = c->surface.live_faces > 2 * BLOCK ? run_blocks(c, draft, attempt, scratch, progress) : LOD_OK;
+  if (status == LOD_OK)
+    status = lod_queue_push_all(c);
+  if (status == LOD_OK)
+    status = drain(c, draft, attempt, progress);
   *proven = c->reached = draft->proven;
   lod_arena_destroy(scratch);
   return status;

@@ -71,6 +71,13 @@ static inline void lod_collapser_note_origin(struct lod_collapser *c, uint32_t a
     c->origin[b] = c->origin[a];
 }
 
+/* Where v went, with shorter ways for the next who asks. */
+static inline uint32_t lod_survivor(uint32_t *merged, uint32_t v) {
+  while (merged[v] != v)
+    v = merged[v] = merged[merged[v]];
+  return v;
+}
+
 void lod_attempt_init(struct lod_collapser *c, struct lod_attempt *attempt);
 
 /* Collapses (a, b), which the topology must allow, to `to` if line, certificate and guard do. attempt->change.witness as there. */

@@ -53,18 +53,12 @@ static enum lod_status make_guard(struct lod_collapser *c, const struct snapshot
                           c->settings.guarding == LOD_GUARD_ALL, c->arena, &c->guard);
 }
 
-static uint32_t survivor(uint32_t *merged, uint32_t v) {
-  while (merged[v] != v)
-    v = merged[v] = merged[merged[v]];
-  return v;
-}
-
 /* A face around the survivors of a source triangle's corners: one that all of them share, if there is one. */
 static uint32_t hint_of(const struct lod_collapser *c, uint32_t t) {
   const struct lod_surface *s = &c->surface;
   uint32_t v[3], best = LOD_NONE, most = 0;
   for (int k = 0; k < 3; k++)
-    v[k] = survivor(c->merged, c->mesh->triangles[t][k]);
+    v[k] = lod_survivor(c->merged, c->mesh->triangles[t][k]);
   const uint32_t *ring = lod_surface_ring(s, v[0]);
   for (uint32_t i = 0; i < s->ring_count[v[0]]; i++) {
     const uint32_t *w = s->face[ring[i]];
@@ -134,7 +128,7 @@ static enum lod_status suspect(struct lod_collapser *c, const bool *crossed, str
       around[v[k]] = true;
   }
   for (uint32_t v = 0; v < s->vertex_count && *crosses; v++)
-    c->suspect[v] = c->suspect[survivor(c->merged, v)] || around[survivor(c->merged, v)] || c->suspect[v];
+    c->suspect[v] = c->suspect[lod_survivor(c->merged, v)] || around[lod_survivor(c->merged, v)] || c->suspect[v];
   return LOD_OK;
 }
 

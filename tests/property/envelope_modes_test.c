@@ -280,7 +280,7 @@ static void test_epsilons_that_are_negative_or_no_number_are_refused(void **stat
 
 /* The draft has no certificate to lean on: its bound is measured here. */
 static void drafts(struct lod_arena *arena) {
-  struct lod_mesh shapes[] = {lod_shape_sphere(arena, 1, 4), lod_shape_torus(arena, 2, 0.6, 60, 30), lod_shape_grid(arena, 1, 40, 0.2),
+  struct lod_mesh shapes[] = {lod_shape_sphere(arena, 1, 4), lod_shape_torus(arena, 2, 0.6, 120, 60), lod_shape_grid(arena, 1, 40, 0.2),
                               lod_shape_tree(arena, 2, true)};
   for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
     for (int step = 0; step < 3; step++) {
