@@ -83,7 +83,7 @@ bool lod_envelope_recipe_nests(const struct lod_bake_request *request) {
 
 /* Each step of a chain of deltas pays the connectivity of its level: with levels farther apart, all of them together are no more bytes than
  * the finest one alone. */
-static const double kNestedGain = 0.6;
+static const double kNestedGain = 0.65;
 
 enum lod_status lod_envelope_recipe(const struct lod_bake_request *request, const double *errors, uint32_t error_count, double diagonal,
                                     struct lod_arena *arena, const struct lod_envelope_settings **settings, struct lod_problem *problem) {

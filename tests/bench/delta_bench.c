@@ -166,7 +166,7 @@ static void make_envelope(const struct lod_mesh *source, struct lod_arena *arena
   settings.epsilons = epsilons;
   settings.epsilon_count = 6;
   settings.collapse.vertex_subset = true;
-  settings.least_gain = 0.6; /* as bakes of nested levels */
+  settings.least_gain = 0.65; /* as bakes of nested levels */
   settings.threads = 1;
   must(lod_envelope_family.build(&unit, 1, &settings, NULL, arena, catch_level, &c, NULL) == LOD_OK, "the envelope family failed");
   while (c.finest_first.count > 1 && c.finest_first.meshes[c.finest_first.count - 1].vertex_count < LEAST_VERTICES / 2)

@@ -331,7 +331,7 @@ class App {
     set('hud-level', `${level.level} of ${own.length - 1}${this.view.shown?.transient ? ', finer in part' : ''}`, level.level);
     set('hud-family', session.stream.pinned ? `${level.family}, held` : level.family, level.family);
     const grown = this.view.grown;
-    set('hud-morph', grown ? `${Math.round(100 * grown.t)} % grown` : '', grown ? grown.t : '');
+    set('hud-morph', grown ? `, ${Math.round(100 * grown.t)} % grown` : '', grown ? grown.t : '');
     $('hud-morph').dataset.drawn = grown ? grown.triangles : '';
     const attributes = formatAttributes(level.attributes);
     set('attributes', attributes, attributes);
