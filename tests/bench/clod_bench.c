@@ -2,8 +2,9 @@
  * error.
  *
  * Errors are those of what the bytes decode to: measured after decoding and tessellation, the bound of the chords and the import's rounding
- * added; "bound" is what the simplification itself proves before coding. Arguments: [-e 0] leaves the envelope family out; files. Default:
- * the paper's bunny rows (69 451, 19 774, 8 785, 3 815, 1 000), splines of the shared models and a smooth sphere. */
+ * added; "bound" is what the simplification itself proves before coding. Arguments: [-e 0] leaves the envelope family out; files, or
+ * "telephone". Default: a smooth sphere, a generated telephone in place of the paper's, its bunny rows (69 451, 19 774, 8 785, 3 815, 1
+ * 000) and splines of the shared models. */
 #include <malloc.h>
 #include <math.h>
 #include <stdio.h>
@@ -271,6 +272,65 @@ static void bench_sphere(void) {
   lod_arena_destroy(subject.arena);
 }
 
+/* Half the keys' and the screen's height over the face of a telephone, at x, y; slopes are steep, not sharp. */
+static double relief(double x, double y) {
+  double height = 0;
+  for (int key = 0; key < 15; key++) {
+    double dx = (x - 0.2 * (key % 3 - 1)) / 0.075, dy = (y + 0.62 - 0.13 * (key / 3)) / 0.045, d = dx * dx * dx * dx + dy * dy * dy * dy;
+    height += 0.012 / (1 + d * d);
+  }
+  double dx = x / 0.27, dy = (y - 0.4) / 0.24, d = pow(dx, 8) + pow(dy, 8);
+  return height - 0.02 / (1 + d * d);
+}
+
+/* In place of the paper's telephone: a box with round edges, keys and a sunken screen, in as many triangles. */
+static void bench_phone(void) {
+  static const uint32_t kRows[] = {20037, 10562, 4362, 1623};
+  enum { ALONG = 85, FACES = 6 };
+  static const double kHalf[3] = {0.36, 0.8, 0.09}, kRound = 0.08;
+  struct subject subject = {.name = "telephone (gen.)", .arena = lod_arena_create(0)};
+  struct lod_part part = {.name = "", .instance_count = 1};
+  double identity[1][16] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}};
+  struct lod_mesh soup = {.vertex_count = FACES * (ALONG + 1) * 44, .triangle_count = FACES * ALONG * 43 * 2};
+  soup.positions = lod_arena_alloc(subject.arena, soup.vertex_count, sizeof *soup.positions);
+  soup.triangles = lod_arena_alloc(subject.arena, soup.triangle_count, sizeof *soup.triangles);
+  uint32_t t = 0;
+  for (int face = 0; face < FACES; face++)
+    for (int i = 0; i <= ALONG; i++)
+      for (int j = 0; j <= 43; j++) {
+        uint32_t v = (uint32_t)((face * (ALONG + 1) + i) * 44 + j);
+        int axis = face / 2, a = axis == 1 ? 2 : 1, b = axis == 0 ? 2 : 0;
+        double side = face % 2 == 0 ? 1 : -1, p[3], q[3], length = 0;
+        p[axis] = side;
+        p[a] = 2.0 * i / ALONG - 1;
+        p[b] = 2.0 * j / 43 - 1;
+        for (int k = 0; k < 3; k++) {
+          p[k] *= kHalf[k];
+          q[k] = fmax(-kHalf[k] + kRound, fmin(kHalf[k] - kRound, p[k]));
+          length += (p[k] - q[k]) * (p[k] - q[k]);
+        }
+        for (int k = 0; k < 3; k++)
+          p[k] = q[k] + kRound * (p[k] - q[k]) / sqrt(length);
+        if (p[2] > 0)
+          p[2] += relief(p[0], p[1]);
+        for (int k = 0; k < 3; k++)
+          soup.positions[v][k] = (float)p[k];
+        if (i == ALONG || j == 43)
+          continue;
+        bool turned = (side > 0) == (axis != 2);
+        uint32_t c[4] = {v, v + 44, v + 45, v + 1};
+        for (int half = 0; half < 2; half++, t++)
+          for (uint32_t k = 0; k < 3; k++)
+            soup.triangles[t][turned ? k : 2 - k] = c[k == 0 ? 0 : k + (uint32_t)half];
+      }
+  struct lod_unit unit = {.scale = 1};
+  must(lod_mesh_weld(&soup, subject.arena, &unit.mesh, NULL));
+  part.instances = identity;
+  subject.model = (struct lod_model){.format = "", .name = "", .unit_count = 1, .part_count = 1, .units = &unit, .parts = &part};
+  bench(&subject, kRows, 4);
+  lod_arena_destroy(subject.arena);
+}
+
 int main(int argc, char **argv) {
   static const uint32_t kBunny[] = {19774, 8785, 3815, 1000}, kSpline[] = {2000, 800, 300, 120};
   const char *shared = getenv("LODESTREAM_SHARED");
@@ -286,13 +346,16 @@ int main(int argc, char **argv) {
          "patches/s", "gap", "coded", "fold", "tris", "bytes", "error %", "s");
   for (int i = first; i < argc; i++) {
     struct subject subject = {0};
-    if (load(&subject, argv[i]))
+    if (strcmp(argv[i], "telephone") == 0)
+      bench_phone();
+    else if (load(&subject, argv[i]))
       bench(&subject, kSpline, 4);
     lod_arena_destroy(subject.arena);
   }
   if (first < argc)
     return 0;
   bench_sphere();
+  bench_phone();
   static const char *const kModels[] = {"scans/bunny.ply", "spline/teapot-32.bpt", "spline/vase.bpt", "spline/spot-acc-732.bpt"};
   for (size_t i = 0; i < sizeof kModels / sizeof *kModels; i++) {
     char path[4096];
