@@ -437,7 +437,8 @@ enum lod_status clod_give_up(struct lod_clod *clod) {
 static const double kEase = 1.1;
 
 /* Cheap guess before a removal was tried: half of how far the vertex stands above its neighbours' mean, but no less than the bounds of its
- * patches, since what replaces these is hardly ever nearer to the source. A guess that is too low costs a try; these are about right. */
+ * patches, since what replaces these is hardly ever nearer to the source. A guess that is too low costs a try; these are about right for
+ * polygons. Patches of splines cover many triangles, and may get nearer to them: there each is tried. */
 static double guess_key(const struct lod_clod *clod, uint32_t v) {
   uint32_t half = clod->half[v];
   if (half == LOD_NONE)
@@ -445,16 +446,19 @@ static double guess_key(const struct lod_clod *clod, uint32_t v) {
   struct lod_vec3 sum = {0, 0, 0};
   double count = 0, bound = 0;
   uint32_t at = half;
+  bool splines = false;
   do {
     const struct clod_patch *patch = &clod->patches[at / 3];
     bound = fmax(bound, patch->bound);
+    splines = splines || patch->cell_count > 1;
     sum = lod_vec3_add(sum, clod->positions[patch->corners[(at + 1) % 3]]);
     count++;
     at = clod_across(clod, at % 3 == 0 ? at + 2 : at - 1);
   } while (at != LOD_NONE && at != half && count < 64);
   struct lod_vec3 mean = lod_vec3_scale(sum, 1 / count);
   struct lod_vec3 normal = clod_sector_normal(clod, clod->patches[half / 3].sectors[half % 3]);
-  return fmax(bound, 0.5 * fabs(lod_vec3_dot(normal, lod_vec3_subtract(clod->positions[v], mean))));
+  double above = fabs(lod_vec3_dot(normal, lod_vec3_subtract(clod->positions[v], mean)));
+  return splines ? 0.1 * above : fmax(bound, 0.5 * above);
 }
 
 enum lod_status clod_prepare(struct lod_clod *clod) {
