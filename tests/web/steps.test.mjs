@@ -87,37 +87,6 @@ for (const shapes of ['exact', 'cheap']) {
   });
 }
 
-test('by the error on screen a level grows as one comes near, rests when one rests, and goes back', TEST, async () => {
-  const { from } = stepOf(manifests.retile);
-  const page = await open(daemon.url, 'retile', from.level);
-  const { px } = await figures(page);
-  await choose(page, { drive: 'error' });
-  // Where the coarser level is at three quarters of the limit half of the step is made.
-  await page.evaluate((limit) => (location.hash = `#model=bumpy&family=retile&px=${limit}`), px / 0.75);
-  const grown = () => page.evaluate(() => ({ text: document.getElementById('hud-morph').dataset.value, level: document.getElementById('hud-level').dataset.value }));
-  const rests = async (good) => {
-    await page.waitForFunction((source) => {
-      const { value } = document.getElementById('hud-morph').dataset;
-      return document.getElementById('stage').getAttribute('aria-busy') === 'false' && new Function('t', `return ${source}`)(value === '' ? NaN : Number(value));
-    }, good);
-    return Number((await grown()).text);
-  };
-  const half = await rests('t > 0.35 && t < 0.65');
-  await page.waitForTimeout(300);
-  assert.equal(Number((await grown()).text), half, 'it rests while the view rests');
-  await page.focus('#canvas');
-  await page.keyboard.press('+');
-  const nearer = await rests(`t > ${half} || t !== t`);
-  assert.ok(nearer > half || Number.isNaN(nearer));
-  for (let i = 0; i < 2; i++) await page.keyboard.press('-');
-  await rests(`t < ${half} || t !== t`);
-  for (let i = 0; i < 12; i++) await page.keyboard.press('-');
-  await settled(page, WAIT);
-  await page.waitForFunction((level) => document.getElementById('hud-level').dataset.value === String(level), from.level);
-  assert.deepEqual(page.faults, []);
-  await page.context().close();
-});
-
 test('nested levels of the envelope: the step instead of the level, and a morph', TEST, async () => {
   const { envelope } = manifests;
   assert.equal(envelope.nested, true);
