@@ -71,6 +71,11 @@ static void ask(struct spoken *s, const char *base, int steps, int values) {
   say(s, 'Q', text, (size_t)size);
 }
 
+static void give_base(struct spoken *s) {
+  assert_int_equal(hear(s), 'N');
+  say(s, 'B', kBase, BASE_BYTES);
+}
+
 /* All of an answer; its triangles. */
 static json_int_t take_answer(struct spoken *s) {
   assert_int_equal(hear(s), 'R');
@@ -98,8 +103,7 @@ static void test_base_is_asked_for_once(void **state) {
   struct spoken s;
   start(&s);
   ask(&s, "one", 2, 0);
-  assert_int_equal(hear(&s), 'N');
-  say(&s, 'B', kBase, BASE_BYTES);
+  give_base(&s);
   assert_int_equal(take_answer(&s), 64);
   ask(&s, "one", 1, 0);
   assert_int_equal(take_answer(&s), 16);
@@ -130,8 +134,7 @@ static void test_cancelled_before_values(void **state) {
   ask(&s, "one", 2, sizeof values);
   say(&s, 'X', "", 0);
   say(&s, 'V', values, sizeof values);
-  assert_int_equal(hear(&s), 'N');
-  say(&s, 'B', kBase, BASE_BYTES);
+  give_base(&s);
   take_cancelled(&s);
   finish(&s);
 }
@@ -142,8 +145,7 @@ static void test_idle_passes_over(void **state) {
   start(&s);
   say(&s, 'X', "", 0);
   ask(&s, "one", 1, 0);
-  assert_int_equal(hear(&s), 'N');
-  say(&s, 'B', kBase, BASE_BYTES);
+  give_base(&s);
   assert_int_equal(take_answer(&s), 16);
   say(&s, 'X', "", 0);
   ask(&s, "one", 0, 0);
