@@ -47,30 +47,6 @@ struct piece {
   double uv;               /* how far UVs are off; INFINITY: the source has some that the patches have not */
 };
 
-static uint32_t count_folds(const struct lod_patches *patches) {
-  uint32_t folds = 0;
-  for (uint32_t p = 0; p < patches->patch_count; p++) {
-    struct lod_bezier net = lod_patches_net(patches, p);
-    folds += !lod_bezier_is_regular(&net);
-  }
-  return folds;
-}
-
-/* Codes and decodes. Where quantisation folds patches that are none, the step is halved until it does not. */
-static enum lod_status code_piece(const struct run *run, struct lod_patches_encode_request *encode, struct lod_arena *arena,
-                                  struct piece *piece, struct lod_patches_header *header, struct lod_patches *decoded) {
-  enum { TRIES = 4 };
-  uint32_t folds = count_folds(encode->patches);
-  for (int trial = 0; trial < TRIES; trial++) {
-    LOD_TRY(lod_patches_encode(encode, arena, &piece->bytes, &piece->size, run->problem));
-    LOD_TRY(lod_patches_decode(piece->bytes, piece->size, 0, arena, header, decoded, run->problem));
-    if (count_folds(decoded) <= folds)
-      break;
-    encode->step /= 2;
-  }
-  return LOD_OK;
-}
-
 static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_arena *arena, struct piece *piece) {
   struct lod_clod_facts facts;
   struct lod_patches patches, decoded;
@@ -86,7 +62,8 @@ static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_
       .patches = &patches, .unit = u, .unit_count = run->unit_count, .step = kStep * own, .error = error * scale};
   encode.uv_step = fmin(kMostUvStep, fmax(kLeastUvStep, kStep * patches.attributes.uv_off));
   struct lod_patches_header header;
-  LOD_TRY(code_piece(run, &encode, arena, piece, &header, &decoded));
+  LOD_TRY(lod_patches_encode(&encode, arena, &piece->bytes, &piece->size, run->problem));
+  LOD_TRY(lod_patches_decode(piece->bytes, piece->size, 0, arena, &header, &decoded, run->problem));
   struct lod_tessellate_settings settings = lod_tessellate_defaults();
   struct lod_tessellation flat;
   settings.tolerance = kChord * own;
