@@ -8,6 +8,7 @@
 #include <netinet/in.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 enum { BACKLOG = 1024, DEAD_PEER_MS = 60000 };
@@ -60,14 +61,15 @@ static int open_bound(const struct addrinfo *info, const struct sockaddr *addres
   return fd;
 }
 
-/* Opens `count` listeners at the address; false, and errno, when it is taken. */
-static bool open_all(const struct addrinfo *info, uint32_t count, int *listeners, struct sockaddr_storage *bound) {
+/* Opens `count` listeners at the address; false, and errno, when it is taken. *was_free is set when it was not just before. */
+static bool open_all(const struct addrinfo *info, uint32_t count, int *listeners, struct sockaddr_storage *bound, bool *was_free) {
   socklen_t size = sizeof *bound;
   /* SO_REUSEPORT would let a second daemon of this user take half of the connections; a socket without it finds the port taken. It also
    * picks the free port when 0 is asked for. */
   int probe = open_bound(info, info->ai_addr, false);
   bool good = probe >= 0 && listen(probe, 1) == 0 && getsockname(probe, (struct sockaddr *)bound, &size) == 0;
   int error = errno;
+  *was_free = *was_free || good;
   if (probe >= 0)
     close(probe);
   uint32_t opened = 0;
@@ -85,16 +87,16 @@ static bool open_all(const struct addrinfo *info, uint32_t count, int *listeners
 
 enum lod_status lod_socket_listen(const char *address, uint32_t count, int *listeners, char text[LOD_ADDRESS_TEXT_MAX],
                                   struct lod_problem *problem) {
-  enum { TRIES = 20 };
+  enum { TRIES = 200, PAUSE_NS = 10 * 1000 * 1000 };
   struct addrinfo *info;
   struct sockaddr_storage bound;
   LOD_TRY(resolve(address, &info, problem));
-  /* A free port may be taken by somebody between the probe and the listeners; then there is another. */
-  int tries = strcmp(address + strlen(address) - 2, ":0") == 0 ? TRIES : 1;
-  bool good;
-  do
-    good = open_all(info, count, listeners, &bound);
-  while (!good && errno == EADDRINUSE && --tries > 0);
+  /* A worker that another thread starts meanwhile has a copy of the probe until it runs a program of its own. And a free port that the
+   * system picked may be taken by somebody between the probe and the listeners; then there is another. */
+  int tries = TRIES;
+  bool good, was_free = false;
+  while (!(good = open_all(info, count, listeners, &bound, &was_free)) && errno == EADDRINUSE && was_free && --tries > 0)
+    nanosleep(&(struct timespec){0, PAUSE_NS}, NULL);
   int error = errno;
   freeaddrinfo(info);
   if (!good)
