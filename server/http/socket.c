@@ -7,6 +7,7 @@
 #include <netdb.h>
 #include <netinet/in.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
@@ -34,6 +35,9 @@ static enum lod_status resolve(const char *address, struct addrinfo **found, str
   size_t size = colon ? (size_t)(colon - address) : 0;
   if (!colon || size >= sizeof host || !colon[1] || strspn(colon + 1, "0123456789") != strlen(colon + 1))
     return lod_fail(problem, LOD_BAD_INPUT, "bad-setting", "--listen: '%s' is not HOST:PORT.", address);
+  /* getaddrinfo would take the port modulo 65 536. */
+  if (strtoull(colon + 1, NULL, 10) > UINT16_MAX)
+    return lod_fail(problem, LOD_BAD_INPUT, "bad-setting", "--listen: '%s': a port is a number from 0 to 65535.", address);
   bool brackets = size >= 2 && address[0] == '[' && address[size - 1] == ']';
   snprintf(host, sizeof host, "%.*s", (int)(brackets ? size - 2 : size), address + brackets);
   struct addrinfo hints = {.ai_flags = AI_PASSIVE | AI_NUMERICSERV, .ai_socktype = SOCK_STREAM};

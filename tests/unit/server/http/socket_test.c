@@ -80,9 +80,32 @@ static void test_a_worker_that_starts_meanwhile_is_no_hindrance(void **state) {
   close_all(listeners);
 }
 
+static void test_an_address_that_is_none_is_told(void **state) {
+  (void)state;
+  static const char *const wrong[] = {"",
+                                      "8080",
+                                      "127.0.0.1:",
+                                      "127.0.0.1:http",
+                                      "[::1]:80x",
+                                      "127.0.0.1:-1",
+                                      "127.0.0.1:65536",
+                                      "127.0.0.1:73888",
+                                      "localhost:4294967297",
+                                      "127.0.0.1:18446744073709551617"};
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+    int listeners[LISTENERS];
+    char text[LOD_ADDRESS_TEXT_MAX];
+    struct lod_problem problem = {0};
+    assert_int_equal(lod_socket_listen(wrong[i], LISTENERS, listeners, text, &problem), LOD_BAD_INPUT);
+    assert_string_equal(problem.type, "bad-setting");
+    assert_non_null(strstr(problem.detail, wrong[i]));
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_a_port_that_is_taken_is_told),
+      cmocka_unit_test(test_an_address_that_is_none_is_told),
       cmocka_unit_test(test_a_worker_that_starts_meanwhile_is_no_hindrance),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
