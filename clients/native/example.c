@@ -114,7 +114,7 @@ static uint32_t next_patch(const struct lod_units *units, const bool *taken) {
     best = p;
     nearest = distance;
   }
-  return first != LOD_NONE && !taken[first] ? first : best;
+  return taken[first] ? best : first;
 }
 
 static bool take_units(struct lodestream *stream, FILE *file, unsigned level, int argc, char **argv, struct lod_problem *problem) {

@@ -80,6 +80,8 @@ static enum lod_status read_patches(struct lod_units *units, struct lod_reader *
   if (r->failed || r->at != r->end || triangles != h->triangles || vertices < h->vertices || vertices > 3 * triangles)
     return lod_fail(problem, LOD_BAD_INPUT, "units", "The patches of an index of units do not add up to %u vertices and %u triangles.",
                     h->vertices, h->triangles);
+  if (h->primer_patch == LOD_NONE)
+    return lod_fail(problem, LOD_BAD_INPUT, "units", "An index of units has no unit with a frame: there is nothing to decode.");
   return LOD_OK;
 }
 

@@ -33,7 +33,7 @@ struct lod_units_header {
   uint32_t vertices, triangles, checksum; /* of the whole finer level's unit */
   struct lod_delta_grid grid;
   uint32_t most_triangles, patch_count;
-  uint32_t primer_patch;    /* the first one that has a frame: all others begin with what its models have learnt; LOD_NONE: no patch has */
+  uint32_t primer_patch;    /* the first one that has a frame (one has): all others begin with what its models have learnt */
   size_t index_bytes, size; /* of the index, of index and frames */
 };
 
@@ -80,8 +80,8 @@ LOD_WARN_UNUSED enum lod_status lod_units_join(const struct lod_units *units, co
  * LOD_NONE in kept (base vertex_count), as lod_overlay_create wants them. */
 void lod_units_settle(const struct lod_units *units, const struct lod_delta_level *const *levels, uint32_t *kept);
 
-/* Index and frames, in `arena`. *size 0 and LOD_OK where units make no sense: fewer than two
- * patches, segments or points, or too many finer triangles that hang together with no vertex of the base. */
+/* Index and frames, in `arena`. *size 0 and LOD_OK where units make no sense: fewer than two patches, no finer triangle, segments or
+ * points, or too many finer triangles that hang together with no vertex of the base. */
 LOD_WARN_UNUSED enum lod_status lod_units_encode(const struct lod_delta_encode_request *request, uint32_t most_triangles,
                                                  struct lod_arena *arena, uint8_t **bytes, size_t *size, struct lod_problem *problem);
 

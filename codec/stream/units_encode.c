@@ -301,7 +301,8 @@ enum lod_status lod_units_encode(const struct lod_delta_encode_request *request,
   *size = 0;
   const struct lod_mesh *base = request->base, *fine = request->fine;
   enum lod_status status = d.scratch == NULL ? LOD_MEMORY : LOD_OK;
-  if (status == LOD_OK && base != NULL && base->edge_count + base->point_count + fine->edge_count + fine->point_count == 0)
+  if (status == LOD_OK && base != NULL && fine->triangle_count != 0 &&
+      base->edge_count + base->point_count + fine->edge_count + fine->point_count == 0)
     status = encode(&d, most_triangles, arena, bytes, size, problem);
   lod_arena_destroy(d.scratch);
   return status == LOD_MEMORY ? lod_fail_memory(problem) : status;

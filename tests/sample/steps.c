@@ -1,10 +1,13 @@
-/* Writes nested levels as deltas into a folder, with the hashes that decoding them and laying them over one another give natively:
+/* Nested levels as deltas, with the hashes that decoding them and laying them over one another give natively:
  *
- *   steps DIR     DIR/NAME-K.delta (frame K; 0 is the first picture) and, on standard output, a line of JSON for each: {"file", "level",
- *                 "map", "vertices", "triangles"}; where the step has units, DIR/NAME-K.units, with "units": {"count", "half", "drawn",
- * "all"}: of the first half of them what they are together and what is drawn of it, and of all
+ *   steps DIR     writes DIR/NAME-K.delta (frame K; 0 is the first picture) and, on standard output, a line of JSON for each: {"file",
+ * "level", "map", "vertices", "triangles"}; where the step has units, DIR/NAME-K.units, with "units": {"count", "half", "drawn", "all"}: of
+ * the first half of them what they are together and what is drawn of it, and of all. Levels come from generators, and from the shared
+ * models where they are. steps --decode FILE... the objects of a bake, a first picture and then its steps, each behind the file of its
+ * units where it has some; a PLY is a level to begin anew from. A line for each frame: {"unit", "level", "map", "failed", "vertices"}, and
+ * for units as above
  *
- * Levels come from generators, and from the shared models where they are. tests/web/wasm.test.mjs does the same in WebAssembly. */
+ * tests/web/wasm.test.mjs and corpus.test.mjs do the same in WebAssembly. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -56,16 +59,8 @@ static void take_units(struct units *u, const uint8_t *bytes, uint32_t from, uin
   }
 }
 
-static void run_units(const char *folder, const char *name, uint32_t k, const struct lod_delta_encode_request *request,
-                      const struct level *base, struct lod_arena *arena) {
-  char file[300];
-  uint8_t *bytes;
-  size_t size;
-  must(lod_units_encode(request, PATCH, arena, &bytes, &size, &problem) == LOD_OK, name);
-  if (size == 0)
-    return;
-  snprintf(file, sizeof file, "%.200s-units", name);
-  write_file(folder, file, k, bytes, size);
+/* Members of JSON: how many units, hashes of half of them, of what is drawn of those, of all. */
+static void print_units(const char *name, const uint8_t *bytes, size_t size, const struct level *base) {
   struct units *u = lodw_units_open(bytes, size, base);
   must(u != NULL, name);
   const uint32_t count = u->units.header.patch_count;
@@ -81,11 +76,25 @@ static void run_units(const char *folder, const char *name, uint32_t k, const st
   take_units(u, bytes, count / 2, count);
   struct level *all = lodw_units_join(u);
   must(all != NULL, name);
-  printf(",\"units\":{\"file\":\"%s-%u.delta\",\"count\":%u,\"half\":%u,\"drawn\":%u,\"all\":%u}", file, k, count, hash, drawn,
-         lodw_level_hash(all));
+  printf("\"count\":%u,\"half\":%u,\"drawn\":%u,\"all\":%u", count, hash, drawn, lodw_level_hash(all));
   lodw_level_free(all);
   lodw_level_free(half);
   lodw_units_free(u);
+}
+
+static void run_units(const char *folder, const char *name, uint32_t k, const struct lod_delta_encode_request *request,
+                      const struct level *base, struct lod_arena *arena) {
+  char file[300];
+  uint8_t *bytes;
+  size_t size;
+  must(lod_units_encode(request, PATCH, arena, &bytes, &size, &problem) == LOD_OK, name);
+  if (size == 0)
+    return;
+  snprintf(file, sizeof file, "%.200s-units", name);
+  write_file(folder, file, k, bytes, size);
+  printf(",\"units\":{\"file\":\"%s-%u.delta\",", file, k);
+  print_units(name, bytes, size, base);
+  printf("}");
 }
 
 static void run(const char *folder, const char *name, const struct lod_mesh *mesh, const uint32_t *counts, uint32_t count) {
@@ -138,11 +147,89 @@ static void run(const char *folder, const char *name, const struct lod_mesh *mes
   lod_arena_destroy(arena);
 }
 
+/* ---- what a bake has written ---- */
+
+static uint8_t *read_file(const char *path, size_t *size) {
+  FILE *file = fopen(path, "rb");
+  must(file != NULL && fseek(file, 0, SEEK_END) == 0, path);
+  *size = (size_t)ftell(file);
+  rewind(file);
+  uint8_t *bytes = malloc(*size + 1);
+  must(bytes != NULL && fread(bytes, 1, *size, file) == *size, path);
+  fclose(file);
+  return bytes;
+}
+
+/* The frame at `bytes` on its unit of the levels reached; returns its size. */
+static size_t decode_frame(const char *path, const uint8_t *bytes, size_t size, struct level ***levels, uint32_t *units) {
+  struct lod_delta_header header;
+  must(lod_delta_inspect(bytes, size, &header, &problem) == LOD_OK, path);
+  if (*levels == NULL) {
+    *units = header.unit_count;
+    *levels = calloc(*units, sizeof **levels);
+  }
+  must(*levels != NULL && header.unit < *units, path);
+  struct level **base = &(*levels)[header.unit], *level = lodw_level_decode(bytes, size, *base);
+  must(level != NULL, path);
+  struct map *map = *base == NULL ? NULL : lodw_map_create(*base, level, 0);
+  must(*base == NULL || map != NULL, path);
+  printf("{\"unit\":%u,\"level\":%u,\"map\":%u,\"failed\":%u,\"vertices\":%u}\n", header.unit, lodw_level_hash(level),
+         map == NULL ? 0 : lodw_map_hash(map), map == NULL ? 0 : map->overlay.failed, level->mesh.vertex_count);
+  lodw_map_free(map);
+  lodw_level_free(*base);
+  *base = level;
+  return header.size;
+}
+
+/* A level as somebody has it who has read its GLB. */
+static struct level *read_level(const char *path) {
+  struct lod_arena *arena = lod_arena_create(0);
+  struct lod_mesh mesh;
+  must(lod_ply_read(path, arena, &mesh), path);
+  struct level *level = lodw_level_create(&mesh.positions[0][0], mesh.vertex_count, &mesh.triangles[0][0], mesh.triangle_count, NULL);
+  must(level != NULL, path);
+  lod_arena_destroy(arena);
+  return level;
+}
+
+static void decode_files(char **paths, int count) {
+  struct level **levels = NULL;
+  uint32_t units = 0;
+  lodw_limit(1536);
+  for (int i = 0; i < count; i++) {
+    size_t size;
+    if (strstr(paths[i], ".ply") != NULL) {
+      must(levels != NULL && units == 1, paths[i]);
+      lodw_level_free(levels[0]);
+      levels[0] = read_level(paths[i]);
+      continue;
+    }
+    uint8_t *bytes = read_file(paths[i], &size);
+    if (size >= 4 && memcmp(bytes, "LODU", 4) == 0) {
+      must(units == 1, paths[i]);
+      printf("{");
+      print_units(paths[i], bytes, size, levels[0]);
+      printf("}\n");
+    } else {
+      for (size_t at = 0; at < size;)
+        at += decode_frame(paths[i], bytes + at, size - at, &levels, &units);
+    }
+    free(bytes);
+  }
+  for (uint32_t u = 0; u < units; u++)
+    lodw_level_free(levels[u]);
+  free(levels);
+}
+
 int main(int argc, char **argv) {
   static const char *const kModels[] = {"scans/bunny.ply", "scans/fandisk.ply", "cad/block.ply", "scans/horse.ply"};
   const uint32_t counts[] = {120, 480, 1920};
+  if (argc >= 3 && strcmp(argv[1], "--decode") == 0) {
+    decode_files(argv + 2, argc - 2);
+    return 0;
+  }
   if (argc != 2) {
-    fprintf(stderr, "usage: steps DIR\n");
+    fprintf(stderr, "usage: steps DIR | --decode FILE...\n");
     return 2;
   }
   struct lod_arena *arena = lod_arena_create(0);

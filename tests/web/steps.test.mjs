@@ -87,6 +87,58 @@ for (const shapes of ['exact', 'cheap']) {
   });
 }
 
+test('by the error on screen a level grows as one comes near, rests when one rests, and goes back', TEST, async () => {
+  const { levels } = manifests.retile;
+  // The finer level must be enough while the coarser one is between half the limit and the limit.
+  const from = levels.find((l) => l.delta && l.delta.bytes < levels[l.delta.to].bytes && levels[l.delta.to].error < 0.45 * l.error);
+  assert.ok(from, JSON.stringify(levels));
+  const to = levels[from.delta.to];
+  const page = await open(daemon.url, 'retile', from.level);
+  await choose(page, { drive: 'error' });
+  const limit = (await figures(page)).px / 0.75; // so half of the step is made
+  await page.evaluate((px) => (location.hash = `#model=bumpy&family=retile&px=${px}`), limit);
+
+  /** t that the view asks for, and t, triangles and level as they are drawn, when nothing moves. */
+  const resting = async () => {
+    await page.waitForFunction(() => document.getElementById('stage').getAttribute('aria-busy') === 'false');
+    return page.evaluate(([coarse, most]) => {
+      const data = (id) => document.getElementById(id).dataset;
+      const { value, drawn } = data('hud-morph');
+      const px = (coarse * Number(data('hud-px').value)) / Number(data('hud-units').value);
+      return { wanted: Math.min(1, Math.max(0, (2 * px) / most - 1)), t: value === '' || value === undefined ? null : Number(value), drawn: Number(drawn), level: Number(data('hud-level').value) };
+    }, [from.error, limit]);
+  };
+  /** The same once t is what the view asks for. */
+  const arrive = async (good) => {
+    let seen;
+    for (const end = Date.now() + WAIT; Date.now() < end; await page.waitForTimeout(50)) {
+      seen = await resting();
+      if (good(seen)) return seen;
+    }
+    assert.fail(JSON.stringify(seen));
+  };
+  const there = ({ t, wanted }) => t !== null && Math.abs(t - wanted) < 0.01;
+  const half = await arrive(there);
+  assert.ok(half.t > 0.45 && half.t < 0.55, `half of the step: ${half.t}`);
+  assert.ok(half.drawn > to.triangles, `${half.drawn} fragments of ${to.triangles} triangles`);
+  assert.equal(half.level, to.level);
+  await page.waitForTimeout(300);
+  assert.equal((await resting()).t, half.t, 'it rests while the view rests');
+
+  await page.focus('#canvas');
+  await page.keyboard.press('-');
+  const farther = await arrive((s) => there(s) && s.wanted < half.wanted);
+  await page.keyboard.press('+');
+  const again = await arrive((s) => there(s) && s.wanted > farther.wanted);
+  assert.ok(farther.t < half.t && again.t > farther.t, `${half.t}, farther ${farther.t}, again ${again.t}`);
+
+  for (let i = 0; i < 30; i++) await page.keyboard.press('-');
+  const far = await arrive((s) => s.t === null);
+  assert.ok(far.level <= from.level, `far away the coarser level alone: ${far.level}`);
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
 test('nested levels of the envelope: the step instead of the level, and a morph', TEST, async () => {
   const { envelope } = manifests;
   assert.equal(envelope.nested, true);

@@ -316,7 +316,7 @@ class App {
     const session = this.session;
     if (!session) return;
     const level = session.shown;
-    const settled = session.stream.settled && (!this.view.fading || this.view.resting) && !this.view.waiting;
+    const settled = session.stream.settled && (!this.view.fading || this.view.resting) && !this.view.waits;
     this.setBusy(!settled);
     $('activity').hidden = !session.stream.busy;
     set('hud-bytes', formatBytes(session.loadedBytes), session.loadedBytes);

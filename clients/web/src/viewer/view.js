@@ -153,6 +153,7 @@ export class View {
   show(object) {
     if (this.fading && object) {
       this.waiting = object;
+      this.invalidate(); // a morph that rests may be at the end that leads there
       return;
     }
     this.waiting = null;
@@ -250,7 +251,8 @@ export class View {
     if (this.driver.paused) return false;
     if (!this.driver.done) return true;
     if (follows) {
-      if (this.driver.t < 1 && !(this.driver.t === 0 && this.waiting === this.pair.coarse)) return false; // rests there until the view changes
+      const back = this.driver.t === 0 && (this.waiting ?? this.shown) !== this.pair.fine;
+      if (this.driver.t < 1 && !back) return false; // rests there until the view changes
       this.shown = this.driver.t === 1 ? this.pair.fine : this.pair.coarse;
       if (this.waiting === this.shown) this.waiting = null;
     }
@@ -270,7 +272,9 @@ export class View {
     }
     const { view } = this.facts(0, null);
     const wanted = screenTarget(this.pair.coarse.lod, drive.limit, view);
-    this.driver.aim(!this.waiting ? wanted : this.waiting === this.pair.coarse ? 0 : 1);
+    // Either end may be asked for meanwhile (less is, while one moves): the view alone says how far. For another level the nearer end comes first.
+    const other = this.waiting !== null && this.waiting !== this.pair.coarse && this.waiting !== this.pair.fine;
+    this.driver.aim(!other ? wanted : this.waiting.lod.error > this.pair.coarse.lod.error ? 0 : 1);
     return true;
   }
 
@@ -282,6 +286,11 @@ export class View {
   /** A morph that follows the error on screen and is where it should be. */
   get resting() {
     return this.morph !== null && this.pair !== null && this.driver.done && this.leaving === null && this.preparing === null && Boolean(this.options.drive?.());
+  }
+
+  /** A level has been asked for that what is drawn does not lead to; a morph that rests serves both its ends. */
+  get waits() {
+    return this.waiting !== null && !(this.resting && (this.waiting === this.pair.coarse || this.waiting === this.pair.fine));
   }
 
   /** What changes is at its end: the level alone is drawn. */

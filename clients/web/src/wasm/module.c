@@ -181,7 +181,13 @@ uint32_t EXPORT(lodw_level_hash)(const struct level *level) {
   hash = mix(hash, m->corners, 3 * (size_t)m->triangle_count);
   hash = mix(hash, m->normals, 3 * (size_t)m->wedge_count);
   hash = mix(hash, m->uvs[0], 2 * (size_t)m->wedge_count);
+  hash = mix(hash, m->uvs[1], 2 * (size_t)m->wedge_count);
   hash = mix(hash, m->colors, 4 * (size_t)m->wedge_count);
+  hash = mix(hash, m->materials, m->triangle_count);
+  hash = mix(hash, m->parts, m->triangle_count);
+  hash = mix(hash, m->edges, 2 * (size_t)m->edge_count);
+  hash = mix(hash, m->edge_thickness, m->edge_count);
+  hash = mix(hash, m->points, m->point_count);
   return mix(hash, level->kept, level->kept_count);
 }
 

@@ -308,6 +308,57 @@ static void a_wrong_base_or_version_is_refused(void **state) {
   assert_int_equal(lod_units_open(s.bytes, s.size, &s.base.mesh, &limits, arena, &units, &problem), LOD_LIMIT);
 }
 
+/* A correct index of the stream's base, whose patches have no frames. */
+static size_t write_empty_index(const struct stream *s, uint8_t *bytes) {
+  const struct lod_units_header *h = &s->units.header;
+  struct lod_writer w = {.at = bytes};
+  memcpy(w.at, "LODU", 4);
+  w.at += 4;
+  lod_write_fixed(&w, LOD_UNITS_VERSION, 1);
+  lod_write_fixed(&w, 0, 1);
+  w.at += 4;
+  const uint32_t counts[] = {h->from, h->to, 0, 1, h->base_vertices, 0, 0, h->most_triangles, h->patch_count};
+  for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
+    lod_write_varint(&w, counts[i]);
+  lod_write_fixed(&w, h->base_checksum, 4);
+  lod_write_fixed(&w, 0, 4);
+  for (int i = 0; i < 3; i++)
+    lod_write_float(&w, h->grid.origin[i]);
+  lod_write_float(&w, h->grid.step);
+  for (uint32_t i = 0; i < 3 * h->patch_count; i++)
+    lod_write_varint(&w, 0);
+  struct lod_writer length = {.at = bytes + 6};
+  lod_write_fixed(&length, (uint32_t)(w.at - bytes) + 4, 4);
+  lod_write_fixed(&w, lod_crc32(bytes, (size_t)(w.at - bytes)), 4);
+  return (size_t)(w.at - bytes);
+}
+
+static void a_step_without_a_frame_is_neither_read_nor_written(void **state) {
+  (void)state;
+  struct stream s = encode();
+  struct lod_problem problem = {0};
+  struct lod_units units;
+  uint8_t bytes[4096];
+  open_stream(&s, &s.base.mesh);
+  assert_true(s.units.header.primer_patch < s.units.header.patch_count && 200 + 3 * s.units.header.patch_count < sizeof bytes);
+  const size_t size = write_empty_index(&s, bytes);
+  assert_int_equal(lod_units_open(bytes, size, &s.base.mesh, NULL, arena, &units, &problem), LOD_BAD_INPUT);
+  assert_string_equal(problem.type, "units");
+  assert_non_null(strstr(problem.detail, "nothing to decode"));
+  const struct lod_mesh nothing = {0};
+  struct lod_delta_encode_request request = lod_delta_encode_defaults();
+  uint32_t *gone = LOD_NEW(arena, s.base.mesh.vertex_count, uint32_t);
+  memset(gone, 0xff, s.base.mesh.vertex_count * sizeof *gone);
+  request.base = &s.base.mesh;
+  request.fine = &nothing;
+  request.kept = gone;
+  request.grid = s.fine.grid;
+  uint8_t *written;
+  size_t length = 1;
+  assert_int_equal(lod_units_encode(&request, MOST, arena, &written, &length, &problem), LOD_OK);
+  assert_int_equal(length, 0);
+}
+
 static void seams_and_colours_come_back_with_units(void **state) {
   (void)state;
   struct lod_mesh coarse = lod_shape_grid(arena, 1, 16, 0.1), fine = lod_shape_grid(arena, 1, 64, 0.1);
@@ -355,6 +406,7 @@ int main(void) {
       cmocka_unit_test(every_prefix_of_an_index_or_a_unit_fails_with_a_sentence),
       cmocka_unit_test(a_flipped_bit_in_an_index_or_a_unit_fails),
       cmocka_unit_test(a_wrong_base_or_version_is_refused),
+      cmocka_unit_test(a_step_without_a_frame_is_neither_read_nor_written),
       cmocka_unit_test(seams_and_colours_come_back_with_units),
   };
   return cmocka_run_group_tests(tests, open_arena, close_arena);
