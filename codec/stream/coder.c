@@ -2,14 +2,6 @@
 
 #include <string.h>
 
-enum { STRETCH_LIMIT = 2047, STRETCH_ONE = 256 /* of ln(p / (1 - p)) */, DIVISORS = 1024 + 2 };
-
-struct lod_coder_tables {
-  int16_t stretch[4096];                  /* of a probability of 12 bits */
-  uint16_t squash[2 * STRETCH_LIMIT + 2]; /* its inverse, with 16 bits */
-  uint16_t divisor[DIVISORS];             /* 65536 / (n + 1.5) */
-};
-
 /* e^x for 0 <= x <= 8, by squaring a short series: + - * / alone, so the same everywhere. */
 static double exponential(double x) {
   double y = x / 1024, e = 1 + y * (1 + y / 2 * (1 + y / 3 * (1 + y / 4)));
@@ -22,21 +14,26 @@ const struct lod_coder_tables *lod_coder_tables_create(struct lod_arena *arena) 
   struct lod_coder_tables *t = LOD_NEW(arena, 1, struct lod_coder_tables);
   if (t == NULL)
     return NULL;
-  for (int i = 0; i <= STRETCH_LIMIT; i++) {
-    double e = exponential((double)i / STRETCH_ONE);
+  double high[(LOD_STRETCH_LIMIT + 1) / 64], low[64]; /* e^i of i / 64 and i % 64, for 2048 series would take as long as a small frame */
+  for (int i = 0; i < 64; i++)
+    low[i] = exponential((double)i / LOD_STRETCH_ONE);
+  for (int i = 0; i < (LOD_STRETCH_LIMIT + 1) / 64; i++)
+    high[i] = exponential(64.0 * i / LOD_STRETCH_ONE);
+  for (int i = 0; i <= LOD_STRETCH_LIMIT; i++) {
+    const double e = high[i / 64] * low[i % 64];
     int p = (int)(65536 * e / (1 + e) + 0.5);
     p = p > 65536 - 24 ? 65536 - 24 : p;
-    t->squash[STRETCH_LIMIT + i] = (uint16_t)p;
-    t->squash[STRETCH_LIMIT - i] = (uint16_t)(65536 - p);
+    t->squash[LOD_STRETCH_LIMIT + i] = (uint16_t)p;
+    t->squash[LOD_STRETCH_LIMIT - i] = (uint16_t)(65536 - p);
   }
-  t->squash[2 * STRETCH_LIMIT + 1] = t->squash[2 * STRETCH_LIMIT];
+  t->squash[2 * LOD_STRETCH_LIMIT + 1] = t->squash[2 * LOD_STRETCH_LIMIT];
   int s = 0;
   for (int p = 0; p < 4096; p++) { /* the largest s whose squash is not above the middle of p's bin */
-    while (s < 2 * STRETCH_LIMIT && t->squash[s + 1] <= p * 16 + 8)
+    while (s < 2 * LOD_STRETCH_LIMIT && t->squash[s + 1] <= p * 16 + 8)
       s++;
-    t->stretch[p] = (int16_t)(s - STRETCH_LIMIT);
+    t->stretch[p] = (int16_t)(s - LOD_STRETCH_LIMIT);
   }
-  for (int n = 0; n < DIVISORS; n++)
+  for (int n = 0; n < LOD_DIVISORS; n++)
     t->divisor[n] = (uint16_t)(65536 / (n + 1.5));
   return t;
 }
@@ -65,20 +62,13 @@ struct lod_coder_memory *lod_coder_remember(const struct lod_coder *c, struct lo
   return memory;
 }
 
-static inline uint32_t next_byte(struct lod_coder *c) {
-  if (c->in < c->in_end)
-    return *c->in++;
-  c->overrun += c->overrun < 1000;
-  return 0;
-}
-
 void lod_coder_decode(struct lod_coder *coder, const struct lod_coder_tables *tables, const uint8_t *bytes, size_t size) {
   *coder = (struct lod_coder){.decoding = true, .high = UINT32_MAX, .tables = tables, .in = bytes, .in_end = bytes + size};
   for (int i = 0; i < 4; i++)
-    coder->code = coder->code << 8 | next_byte(coder);
+    coder->code = coder->code << 8 | lod_coder_next_byte(coder);
 }
 
-static void put_byte(struct lod_coder *c, uint32_t byte) {
+void lod_coder_put_byte(struct lod_coder *c, uint32_t byte) {
   if (c->out_size == c->out_capacity) {
     size_t capacity = c->out_capacity == 0 ? 4096 : 2 * c->out_capacity;
     uint8_t *grown = LOD_NEW(c->arena, capacity, uint8_t);
@@ -106,90 +96,17 @@ bool lod_coder_finish(struct lod_coder *c) {
     if (candidate >= c->low && candidate <= c->high) {
       value = candidate;
       for (int i = 0; i < bytes; i++)
-        put_byte(c, value >> (24 - 8 * i) & 255);
+        lod_coder_put_byte(c, value >> (24 - 8 * i) & 255);
       return !c->failed;
     }
   }
   return false; /* cannot be: low itself has four bytes */
 }
 
-/* p: probability of 1, in (0, 65536). */
-static inline int code(struct lod_coder *c, uint32_t p, int bit) {
-  uint32_t middle = c->low + (uint32_t)(((uint64_t)(c->high - c->low) * p) >> 16);
-  if (c->decoding)
-    bit = c->code <= middle;
-  if (bit)
-    c->high = middle;
-  else
-    c->low = middle + 1;
-  while (((c->low ^ c->high) >> 24) == 0) {
-    if (c->decoding)
-      c->code = c->code << 8 | next_byte(c);
-    else
-      put_byte(c, c->high >> 24);
-    c->low <<= 8;
-    c->high = c->high << 8 | 255;
-  }
-  return bit;
-}
-
-static inline uint32_t probability(const struct lod_bit_model *m) {
-  return (uint16_t)(m->skew + 32768u);
-}
-
-static inline void learn(const struct lod_coder *c, struct lod_bit_model *m, int limit, int bit) {
-  const uint32_t p = probability(m), way = bit ? 65535 - 16 - p : p - 16, by = way * c->tables->divisor[m->count] >> 16; /* below 2^32 */
-  m->skew = (uint16_t)((bit ? p + by : p - by) - 32768);
-  m->count = (uint16_t)(m->count + (m->count < limit));
-}
-
-int lod_coder_bit(struct lod_coder *c, struct lod_bit_model *m, int limit, int bit) {
-  uint32_t p = probability(m);
-  p = p < 16 ? 16 : p;
-  bit = code(c, p, bit);
-  learn(c, m, limit, bit);
-  return bit;
-}
-
-/* `count` is known where this is inlined, so that loops unroll. Sums fit: 6 inputs of 2047 times weights of 157286 at most. */
-static inline int mix(struct lod_coder *c, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit, int bit) {
-  int32_t inputs[LOD_MIX_INPUTS], sum = 0;
-  for (int i = 0; i < count; i++) {
-    inputs[i] = c->tables->stretch[probability(models[i]) >> 4];
-    sum += inputs[i] * (mixer->weights[i] + 65536 * 2 / 5);
-  }
-  int32_t s = sum / 65536;
-  s = s > STRETCH_LIMIT ? STRETCH_LIMIT : s < -STRETCH_LIMIT ? -STRETCH_LIMIT : s;
-  uint32_t p = c->tables->squash[s + STRETCH_LIMIT];
-  bit = code(c, p, bit);
-  int32_t error = (bit ? 65536 : 0) - (int32_t)p;
-  for (int i = 0; i < count; i++) {
-    int32_t w = mixer->weights[i] + inputs[i] * error / 16384; /* rate about 0.004 */
-    mixer->weights[i] = w > 131072 ? 131072 : w < -131072 ? -131072 : w;
-    learn(c, models[i], limit, bit);
-  }
-  return bit;
-}
-
-int lod_coder_mix(struct lod_coder *c, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit, int bit) {
-  switch (count) {
-  case 2:
-    return mix(c, models, 2, mixer, limit, bit);
-  case 3:
-    return mix(c, models, 3, mixer, limit, bit);
-  case 4:
-    return mix(c, models, 4, mixer, limit, bit);
-  case 5:
-    return mix(c, models, 5, mixer, limit, bit);
-  default:
-    return mix(c, models, count, mixer, limit, bit);
-  }
-}
-
 uint32_t lod_coder_raw(struct lod_coder *c, uint32_t value, int count) {
   uint32_t result = 0;
   for (int i = count - 1; i >= 0; i--)
-    result = result << 1 | (uint32_t)code(c, 32768, value >> i & 1);
+    result = result << 1 | (uint32_t)lod_coder_code(c, 32768, value >> i & 1);
   return result;
 }
 

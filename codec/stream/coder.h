@@ -26,7 +26,13 @@ struct lod_mixer {
   int32_t weights[LOD_MIX_INPUTS];
 };
 
-struct lod_coder_tables;
+enum { LOD_STRETCH_LIMIT = 2047, LOD_STRETCH_ONE = 256 /* of ln(p / (1 - p)) */, LOD_DIVISORS = 1024 + 2 };
+
+struct lod_coder_tables {
+  int16_t stretch[4096];                      /* of a probability of 12 bits */
+  uint16_t squash[2 * LOD_STRETCH_LIMIT + 2]; /* its inverse, with 16 bits */
+  uint16_t divisor[LOD_DIVISORS];             /* 65536 / (n + 1.5) */
+};
 
 /* What the models of a whole stream had learnt at its end. A stream that begins from there costs less when it is like that one. */
 enum { LOD_CODER_KINDS = 5 };
@@ -74,10 +80,77 @@ static inline bool lod_coder_overrun(const struct lod_coder *coder) {
 /* Limits of lod_bit_model.count: how slowly a model forgets. */
 enum { LOD_ADAPT_FAST = 30, LOD_ADAPT = 255, LOD_ADAPT_SLOW = 1023 };
 
-int lod_coder_bit(struct lod_coder *coder, struct lod_bit_model *model, int limit, int bit);
+/* ---- inline, for most of a decoder's time is here ---- */
 
-/* The bit as `count` models (2 to LOD_MIX_INPUTS) together expect it. */
-int lod_coder_mix(struct lod_coder *coder, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit, int bit);
+static inline uint32_t lod_coder_next_byte(struct lod_coder *c) {
+  if (c->in < c->in_end)
+    return *c->in++;
+  c->overrun += c->overrun < 1000;
+  return 0;
+}
+
+void lod_coder_put_byte(struct lod_coder *coder, uint32_t byte);
+
+/* p: probability of 1, in (0, 65536). */
+static inline int lod_coder_code(struct lod_coder *c, uint32_t p, int bit) {
+  const uint32_t middle = c->low + (uint32_t)(((uint64_t)(c->high - c->low) * p) >> 16);
+  if (c->decoding)
+    bit = c->code <= middle;
+  if (bit) /* a branch: bits are foreseen more often than not, and nothing waits then */
+    c->high = middle;
+  else
+    c->low = middle + 1;
+  while (((c->low ^ c->high) >> 24) == 0) {
+    if (c->decoding)
+      c->code = c->code << 8 | lod_coder_next_byte(c);
+    else
+      lod_coder_put_byte(c, c->high >> 24);
+    c->low <<= 8;
+    c->high = c->high << 8 | 255;
+  }
+  return bit;
+}
+
+static inline uint32_t lod_coder_probability(const struct lod_bit_model *m) {
+  return (uint16_t)(m->skew + 32768u);
+}
+
+static inline void lod_coder_learn(const struct lod_coder *c, struct lod_bit_model *m, int limit, int bit) {
+  const uint32_t p = lod_coder_probability(m), way = bit ? 65535 - 16 - p : p - 16,
+                 by = way * c->tables->divisor[m->count] >> 16; /* below 2^32 */
+  m->skew = (uint16_t)((bit ? p + by : p - by) - 32768);
+  m->count = (uint16_t)(m->count + (m->count < limit));
+}
+
+static inline int lod_coder_bit(struct lod_coder *c, struct lod_bit_model *m, int limit, int bit) {
+  const uint32_t p = lod_coder_probability(m);
+  bit = lod_coder_code(c, p < 16 ? 16 : p, bit);
+  lod_coder_learn(c, m, limit, bit);
+  return bit;
+}
+
+/* The bit as `count` models (2 to LOD_MIX_INPUTS, a constant) together expect it. Sums fit: 6 inputs of 2047 times weights of 157286 at
+ * most.
+ */
+static inline int lod_coder_mix(struct lod_coder *c, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit,
+                                int bit) {
+  int32_t inputs[LOD_MIX_INPUTS], sum = 0;
+  for (int i = 0; i < count; i++) {
+    inputs[i] = c->tables->stretch[lod_coder_probability(models[i]) >> 4];
+    sum += inputs[i] * (mixer->weights[i] + 65536 * 2 / 5);
+  }
+  int32_t s = sum / 65536;
+  s = s > LOD_STRETCH_LIMIT ? LOD_STRETCH_LIMIT : s < -LOD_STRETCH_LIMIT ? -LOD_STRETCH_LIMIT : s;
+  const uint32_t p = c->tables->squash[s + LOD_STRETCH_LIMIT];
+  bit = lod_coder_code(c, p, bit);
+  const int32_t error = (bit ? 65536 : 0) - (int32_t)p;
+  for (int i = 0; i < count; i++) {
+    const int32_t w = mixer->weights[i] + inputs[i] * error / 16384; /* rate about 0.004 */
+    mixer->weights[i] = w > 131072 ? 131072 : w < -131072 ? -131072 : w;
+    lod_coder_learn(c, models[i], limit, bit);
+  }
+  return bit;
+}
 
 /* ---- numbers ---- */
 

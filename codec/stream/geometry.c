@@ -16,7 +16,8 @@ enum { SWEEPS = 4, ITERATIONS = 12, DEGREE = 64, LENGTHS = 25, BUCKETS = 40, FRA
 
 /* Everything that learns. */
 struct step_residual_models {
-  struct lod_bit_model length[3][3][BUCKETS][LENGTHS][FRACTIONS], first[3][BUCKETS][LENGTHS], second[3][LENGTHS][2],
+  /* By length first: long differences are rare, so most of this is never touched. */
+  struct lod_bit_model length[LENGTHS][3][3][BUCKETS][FRACTIONS], first[LENGTHS][3][BUCKETS], second[3][LENGTHS][2],
       sign[3][12][2 * FRACTIONS];
   struct lod_mixer mixer[3][LENGTHS];
   float normal, tangential; /* running means of the differences, in steps */
@@ -69,12 +70,46 @@ enum lod_status lod_step_kept(struct step *s) {
 
 /* ---- the least-squares mesh ---- */
 
-/* The mean of a vertex's neighbours, on a rim of those along it: rims are smooth curves. */
-static lod_v4 mean(const struct step *s, const lod_v4 *x, uint32_t v) {
+/* Neighbours in fours, so that loops over them run as often for nearly all vertices; those that fill up add 0, which changes no bit. */
+static enum lod_status widen(struct step *s) {
   const struct lod_adjacency *n = &s->adjacency;
+  const uint32_t vertices = s->header.vertices;
+  uint32_t *first = s->wide.first = LOD_NEW(s->scratch, (size_t)vertices + 1, uint32_t);
+  if (first == NULL)
+    return LOD_MEMORY;
+  uint64_t count = 0;
+  for (uint32_t v = 0; v < vertices; v++) {
+    first[v] = (uint32_t)count;
+    count += s->rim[v] > 0 ? 0 : (n->first[v + 1] - n->first[v] + 3) & ~3u;
+  }
+  if (count >= LOD_NONE)
+    return LOD_LIMIT;
+  first[vertices] = (uint32_t)count;
+  uint32_t *list = s->wide.list = LOD_NEW(s->scratch, count, uint32_t);
+  if (list == NULL)
+    return LOD_MEMORY;
+  for (uint32_t v = 0; v < vertices; v++) {
+    uint32_t at = first[v];
+    for (uint32_t i = n->first[v]; i < n->first[v + 1] && at < first[v + 1]; i++)
+      list[at++] = n->list[i];
+    while (at < first[v + 1])
+      list[at++] = vertices;
+  }
+  return LOD_OK;
+}
+
+/* The mean of a vertex's neighbours, on a rim of those along it: rims are smooth curves. */
+static inline lod_v4 mean(const struct step *s, const lod_v4 *x, uint32_t v) {
   lod_v4 sum = {0, 0, 0, 0};
-  for (uint32_t i = n->first[v], end = s->rim[v] > 0 ? i + s->rim[v] : n->first[v + 1]; i < end; i++)
-    sum += x[n->list[i]];
+  for (const uint32_t *n = s->wide.list + s->wide.first[v], *end = s->wide.list + s->wide.first[v + 1]; n < end; n += 4) {
+    sum += x[n[0]];
+    sum += x[n[1]];
+    sum += x[n[2]];
+    sum += x[n[3]];
+  }
+  if (s->rim[v] > 0)
+    for (uint32_t i = s->adjacency.first[v], end = i + s->rim[v]; i < end; i++)
+      sum += x[s->adjacency.list[i]];
   return sum * s->share[v];
 }
 
@@ -85,8 +120,16 @@ static inline lod_v4 laplacian(const struct step *s, const lod_v4 *x, uint32_t v
 
 /* Half the gradient of the sum of squares of `lap` with respect to vertex v. */
 static inline lod_v4 gradient(const struct step *s, const lod_v4 *lap, uint32_t v) {
-  const struct lod_adjacency *n = &s->adjacency;
   lod_v4 sum = lap[v];
+  for (const uint32_t *n = s->wide.list + s->wide.first[v], *end = s->wide.list + s->wide.first[v + 1]; n < end; n += 4) {
+    sum -= lap[n[0]] * s->inner[n[0]];
+    sum -= lap[n[1]] * s->inner[n[1]];
+    sum -= lap[n[2]] * s->inner[n[2]];
+    sum -= lap[n[3]] * s->inner[n[3]];
+  }
+  if (s->rim[v] == 0)
+    return sum;
+  const struct lod_adjacency *n = &s->adjacency;
   uint32_t i = n->first[v];
   for (const uint32_t end = i + s->rim[v]; i < end; i++)
     sum -= lap[n->list[i]] * s->share[n->list[i]];
@@ -151,17 +194,26 @@ struct field {
   lod_v4 *lap, *part;
 };
 
-static void find_laplacians(const struct step *s, const lod_v4 *x, struct field f) {
+static void find_laplacians(const struct step *s, const lod_v4 *x, struct field f, double square[3]) {
   for (uint32_t v = 0; v < s->header.vertices; v++) {
     f.lap[v] = laplacian(s, x, v);
     f.part[v] = f.lap[v] * s->inner[v];
+    add_dot(f.lap[v], f.lap[v], square);
   }
 }
 
 /* As gradient(), to the bit. */
 static inline lod_v4 field_gradient(const struct step *s, struct field f, uint32_t v) {
-  const struct lod_adjacency *n = &s->adjacency;
   lod_v4 sum = f.lap[v];
+  for (const uint32_t *n = s->wide.list + s->wide.first[v], *end = s->wide.list + s->wide.first[v + 1]; n < end; n += 4) {
+    sum -= f.part[n[0]];
+    sum -= f.part[n[1]];
+    sum -= f.part[n[2]];
+    sum -= f.part[n[3]];
+  }
+  if (s->rim[v] == 0)
+    return sum;
+  const struct lod_adjacency *n = &s->adjacency;
   uint32_t i = n->first[v];
   for (const uint32_t end = i + s->rim[v]; i < end; i++)
     sum -= f.lap[n->list[i]] * s->share[n->list[i]];
@@ -172,10 +224,8 @@ static inline lod_v4 field_gradient(const struct step *s, struct field f, uint32
 
 /* One step of conjugate gradients; false when nothing is gained by another. */
 static bool descend(struct step *s, lod_v4 *x, lod_v4 *residual, lod_v4 *direction, struct field f, double square[3]) {
-  find_laplacians(s, direction, f);
   double curvature[3] = {0, 0, 0}, next[3] = {0, 0, 0};
-  for (uint32_t v = 0; v < s->header.vertices; v++)
-    add_dot(f.lap[v], f.lap[v], curvature);
+  find_laplacians(s, direction, f, curvature);
   lod_v4 alpha = {0, 0, 0, 0}, beta = {0, 0, 0, 0};
   for (int i = 0; i < 3; i++)
     alpha[i] = curvature[i] > 0 ? (float)(square[i] / curvature[i]) : 0;
@@ -201,15 +251,16 @@ static enum lod_status minimise(struct step *s, lod_v4 *x) {
   const uint32_t vertices = s->header.vertices;
   struct lod_arena *scratch = lod_arena_create_child(s->scratch);
   lod_v4 *residual = scratch == NULL ? NULL : LOD_NEW(scratch, vertices, lod_v4);
-  lod_v4 *direction = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, vertices, lod_v4);
+  lod_v4 *direction = scratch == NULL ? NULL : LOD_NEW_ZERO(scratch, (size_t)vertices + 1, lod_v4);
   struct field f = {scratch == NULL ? NULL : LOD_NEW(scratch, vertices, lod_v4),
-                    scratch == NULL ? NULL : LOD_NEW(scratch, vertices, lod_v4)};
+                    scratch == NULL ? NULL : LOD_NEW(scratch, (size_t)vertices + 1, lod_v4)};
   if (residual == NULL || direction == NULL || f.lap == NULL || f.part == NULL) {
     lod_arena_destroy(scratch);
     return LOD_MEMORY;
   }
-  find_laplacians(s, x, f);
-  double square[3] = {0, 0, 0};
+  double square[3] = {0, 0, 0}, ignored[3] = {0, 0, 0};
+  find_laplacians(s, x, f, ignored);
+  f.part[vertices] = (lod_v4){0, 0, 0, 0};
   for (uint32_t i = s->kept_count; i < s->reached; i++) {
     uint32_t v = s->order[i];
     direction[v] = residual[v] = -field_gradient(s, f, v);
@@ -224,12 +275,13 @@ static enum lod_status minimise(struct step *s, lod_v4 *x) {
 enum lod_status lod_step_predict(struct step *s) {
   const uint32_t vertices = s->header.vertices;
   s->share = LOD_NEW(s->scratch, vertices, float);
-  s->inner = LOD_NEW(s->scratch, vertices, float);
+  s->inner = LOD_NEW_ZERO(s->scratch, (size_t)vertices + 1, float);
   s->stiffness = LOD_NEW(s->scratch, vertices, float);
-  s->laplacian = LOD_NEW(s->scratch, vertices, lod_v4);
+  s->laplacian = LOD_NEW_ZERO(s->scratch, (size_t)vertices + 1, lod_v4);
   s->size = lod_arena_calloc(s->scratch, vertices, sizeof *s->size);
   if (s->share == NULL || s->inner == NULL || s->stiffness == NULL || s->laplacian == NULL || s->size == NULL)
     return LOD_MEMORY;
+  LOD_TRY(widen(s));
   const struct lod_adjacency *n = &s->adjacency;
   for (uint32_t v = 0; v < vertices; v++) {
     uint32_t degree = s->rim[v] > 0 ? s->rim[v] : n->first[v + 1] - n->first[v];
@@ -255,10 +307,15 @@ enum lod_status lod_step_predict(struct step *s) {
 
 /* ---- differences ---- */
 
-static void move(struct step *s, uint32_t v, lod_v4 by) {
-  const struct lod_adjacency *n = &s->adjacency;
+static inline void move(struct step *s, uint32_t v, lod_v4 by) {
   s->estimates[v] += by;
   s->laplacian[v] += by;
+  for (const uint32_t *n = s->wide.list + s->wide.first[v], *end = s->wide.list + s->wide.first[v + 1]; n < end; n += 4)
+    for (int k = 0; k < 4; k++)
+      s->laplacian[n[k]] -= by * s->inner[n[k]];
+  if (s->rim[v] == 0)
+    return;
+  const struct lod_adjacency *n = &s->adjacency;
   uint32_t i = n->first[v];
   for (const uint32_t end = i + s->rim[v]; i < end; i++)
     s->laplacian[n->list[i]] -= by * s->share[n->list[i]];
@@ -302,8 +359,8 @@ static int32_t code_axis(struct lod_coder *c, struct step_residual_models *m, in
   while (magnitude >> length != 0)
     length++;
   while (n < LENGTHS - 1) {
-    struct lod_bit_model *models[3] = {&m->length[0][kind][half][n][away], &m->length[1][kind][quarter][n][0],
-                                       &m->length[2][kind][half][n][known]};
+    struct lod_bit_model *models[3] = {&m->length[n][0][kind][half][away], &m->length[n][1][kind][quarter][0],
+                                       &m->length[n][2][kind][half][known]};
     if (!lod_coder_mix(c, models, 3, &m->mixer[kind][n], LOD_ADAPT, length > n))
       break;
     n++;
@@ -313,7 +370,7 @@ static int32_t code_axis(struct lod_coder *c, struct step_residual_models *m, in
   bool negative = lod_coder_bit(c, &m->sign[kind][small][away * 2 + (fraction < 0)], LOD_ADAPT, r < 0);
   uint32_t result = 1;
   if (n >= 2)
-    result = 2 | (uint32_t)lod_coder_bit(c, &m->first[kind][half][n], LOD_ADAPT, magnitude >> (n - 2) & 1);
+    result = 2 | (uint32_t)lod_coder_bit(c, &m->first[n][kind][half], LOD_ADAPT, magnitude >> (n - 2) & 1);
   if (n >= 3) {
     uint32_t bit = (uint32_t)lod_coder_bit(c, &m->second[kind][n][result & 1], LOD_ADAPT, magnitude >> (n - 3) & 1);
     result = result << 1 | bit;

@@ -470,10 +470,11 @@ static bool allocate(struct search *f) {
   f->queue_next = LOD_NEW(s->scratch, bases, uint32_t);
   f->state = LOD_NEW_ZERO(s->scratch, bases, uint8_t);
   f->marks = LOD_NEW_ZERO(s->scratch, vertices, struct mark);
-  f->balls = LOD_NEW(s->scratch, BALLS, struct ball);
+  const uint32_t balls = vertices < BALLS ? vertices : BALLS;
+  f->balls = LOD_NEW(s->scratch, balls, struct ball);
   f->has_kept = LOD_NEW_ZERO(s->scratch, s->connectivity.component_count, uint8_t);
   s->kept = LOD_NEW(s->scratch, bases, uint32_t);
-  s->estimates = LOD_NEW_ZERO(s->scratch, vertices, lod_v4);
+  s->estimates = LOD_NEW_ZERO(s->scratch, (size_t)vertices + 1, lod_v4); /* the last one stays 0: geometry.c */
   s->estimated = LOD_NEW_ZERO(s->scratch, vertices, uint8_t);
   memset(f->head, 0xff, sizeof f->head);
   memset(f->tail, 0xff, sizeof f->tail);
@@ -481,7 +482,7 @@ static bool allocate(struct search *f) {
       s->kept == NULL || s->estimates == NULL || s->estimated == NULL)
     return false;
   memset(s->kept, 0xff, (size_t)bases * sizeof *s->kept);
-  for (int i = 0; i < BALLS; i++)
+  for (uint32_t i = 0; i < balls; i++)
     f->balls[i].middle = LOD_NONE;
   for (int i = 1; i <= FANS; i++) {
     f->closed[i] = turn(6.283185307179586 / i);

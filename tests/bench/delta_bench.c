@@ -1,17 +1,20 @@
 /* Deltas beside Draco: bits by part, all levels of a nested hierarchy against the finest one alone and against separate levels, the first
  * picture, bytes until an error is met, speed (CPU time) and memory. Draco is at speed 0 on the same grids.
  *
- *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan|envelope] [-b BITS] [-r RATIO] [-f SHARE] [-v] [-e] [-u TRIANGLES] [-n DECODES]
- *                           [PLY...]"
+ *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan|envelope] [-b BITS] [-r RATIO] [-f SHARE] [-l LEAST] [-p] [-v] [-e] [-u
+ * TRIANGLES]
+ *                           [-n DECODES] [PLY...]"
  *
  * retile (default): the finest level is re-tiled with SHARE (0.25) of the source's vertices; collapse: the finest is simplified to SHARE of
  * the source's triangles by meshopt_simplify, whose vertices are the source's, and so are all others; scan: the same with the source itself
  * as finest level; envelope: certified collapse to source vertices, 0.1 % of the diagonal the finest error, each coarser one 2.5 times
  * that. Each level (but envelope's) has 1 / RATIO (4) of the vertices of the next. The finest is quantised with BITS (12) along the longest
- * side, coarser ones as much more coarsely as they have fewer vertices, up to 16 times. -v: a line a level. -e: bytes until certified
- * errors are met, ours beside the best of Draco of meshopt_simplify bisected to that error, which takes minutes a model. -u: steps in units
- * too, of at most TRIANGLES of the coarser level each; bytes of all of them over the whole step's, for steps that have at least two.
- * -n: how often each level is decoded; the quickest turn counts (3). Memory is warm: rates are of decoding, not of the kernel's pages. */
+ * side, coarser ones as much more coarsely as they have fewer vertices, up to 32 times; -p: as bakes do, so that quantisation moves nothing
+ * by more than a quarter of the level's certified error. The coarsest level has more than LEAST (50) vertices. -v: a line a level. -e:
+ * bytes until certified errors are met, ours beside the best of Draco of meshopt_simplify bisected to that error, which takes minutes a
+ * model. -u: steps in units too, of at most TRIANGLES of the coarser level each; bytes of all of them over the whole step's, for steps that
+ * have at least two. -n: how often each level is decoded; the quickest turn counts (3). Memory is warm: rates are of decoding, not of the
+ * kernel's pages. */
 #include <dirent.h>
 #include <malloc.h>
 #include <math.h>
@@ -30,14 +33,14 @@
 #include "tests/data/nested.h"
 #include "tests/data/ply.h"
 
-enum { MOST_LEVELS = 12, LEAST_VERTICES = 50, COARSEST_STEP = 32, ERRORS = 7 };
+enum { MOST_LEVELS = 12, COARSEST_STEP = 32, ERRORS = 7 };
 static const double kErrors[ERRORS] = {0.08, 0.04, 0.02, 0.01, 0.005, 0.0025, 0.001};
 
 struct options {
   const char *mode;
-  double bits, ratio, share;
-  bool verbose, errors;
-  uint32_t units; /* 0: none */
+  double bits, ratio, share, least;
+  bool verbose, errors, precise; /* precise: grids by certified errors */
+  uint32_t units;                /* 0: none */
 };
 
 struct chain {
@@ -99,7 +102,7 @@ static void make_collapsed(const struct lod_mesh *source, const struct options *
   uint32_t *parents[MOST_LEVELS] = {NULL}, count = 0, *ignored;
   const bool whole = strcmp(o->mode, "scan") == 0;
   meshes[count++] = whole ? *source : simplify(source, (size_t)(o->share * source->triangle_count), arena, &ignored);
-  while (count < MOST_LEVELS && meshes[count - 1].vertex_count / o->ratio > LEAST_VERTICES) {
+  while (count < MOST_LEVELS && meshes[count - 1].vertex_count / o->ratio > o->least) {
     const struct lod_mesh *finer = &meshes[count - 1];
     struct lod_mesh mesh = simplify(finer, (size_t)(finer->triangle_count / o->ratio), arena, &parents[count]);
     if (mesh.triangle_count > 0.8 * finer->triangle_count)
@@ -115,7 +118,7 @@ static void make_collapsed(const struct lod_mesh *source, const struct options *
 
 static void make_retiled(const struct lod_mesh *source, const struct options *o, struct lod_arena *arena, struct chain *chain) {
   uint32_t counts[MOST_LEVELS], count = 0;
-  for (double c = source->vertex_count * o->share; count < MOST_LEVELS && (c > LEAST_VERTICES || count == 0); c /= o->ratio)
+  for (double c = source->vertex_count * o->share; count < MOST_LEVELS && (c > o->least || count == 0); c /= o->ratio)
     counts[count++] = (uint32_t)c;
   struct lod_retile_settings settings = lod_retile_defaults();
   settings.vertices = counts;
@@ -155,7 +158,7 @@ static enum lod_status catch_level(void *context, const struct lod_level *level)
   return LOD_OK;
 }
 
-static void make_envelope(const struct lod_mesh *source, struct lod_arena *arena, struct chain *chain) {
+static void make_envelope(const struct lod_mesh *source, const struct options *o, struct lod_arena *arena, struct chain *chain) {
   struct lod_envelope_settings settings = lod_envelope_defaults();
   struct lod_bounds bounds = lod_mesh_bounds(source);
   struct lod_unit unit = {.mesh = *source, .scale = 1};
@@ -169,7 +172,7 @@ static void make_envelope(const struct lod_mesh *source, struct lod_arena *arena
   settings.least_gain = 0.65; /* as bakes of nested levels */
   settings.threads = 1;
   must(lod_envelope_family.build(&unit, 1, &settings, NULL, arena, catch_level, &c, NULL) == LOD_OK, "the envelope family failed");
-  while (c.finest_first.count > 1 && c.finest_first.meshes[c.finest_first.count - 1].vertex_count < LEAST_VERTICES / 2)
+  while (c.finest_first.count > 1 && c.finest_first.meshes[c.finest_first.count - 1].vertex_count < o->least / 2)
     c.finest_first.count--;
   chain->count = c.finest_first.count;
   for (uint32_t k = 0; k < chain->count; k++) {
@@ -415,12 +418,16 @@ static void bench(const char *path, const struct options *o, struct totals *t) {
   if (strcmp(o->mode, "retile") == 0)
     make_retiled(&source, o, arena, &chain);
   else if (strcmp(o->mode, "envelope") == 0)
-    make_envelope(&source, arena, &chain);
+    make_envelope(&source, o, arena, &chain);
   else
     make_collapsed(&source, o, arena, &chain);
   for (uint32_t k = 0; k < chain.count; k++) {
-    const double coarser = (double)chain.meshes[chain.count - 1].vertex_count / chain.meshes[k].vertex_count;
-    levels[k] = lod_round_mesh(&chain.meshes[k], side / (exp2(o->bits) - 1) * fmin(coarser, COARSEST_STEP), arena);
+    const double coarser = (double)chain.meshes[chain.count - 1].vertex_count / chain.meshes[k].vertex_count,
+                 unit = side / (exp2(o->bits) - 1);
+    double step = unit * fmin(coarser, COARSEST_STEP);
+    if (o->precise && k + 1 < chain.count)
+      step = fmax(unit, certified(&chain.meshes[k], &source) / 4 * 2 / sqrt(3));
+    levels[k] = lod_round_mesh(&chain.meshes[k], step, arena);
   }
   if (o->verbose)
     printf("%s\n", path);
@@ -486,7 +493,7 @@ static void print_totals(const struct totals *t) {
 }
 
 int main(int argc, char **argv) {
-  struct options o = {.mode = "retile", .bits = 12, .ratio = 4, .share = 0.25};
+  struct options o = {.mode = "retile", .bits = 12, .ratio = 4, .share = 0.25, .least = 50};
   struct totals totals = {0};
   bool given = false;
   mallopt(M_MMAP_MAX, 0);
@@ -497,6 +504,10 @@ int main(int argc, char **argv) {
       o.verbose = true;
     else if (strcmp(argv[i], "-e") == 0)
       o.errors = true;
+    else if (strcmp(argv[i], "-p") == 0)
+      o.precise = true;
+    else if (strcmp(argv[i], "-l") == 0)
+      o.least = atof(value), i++;
     else if (strcmp(argv[i], "-m") == 0)
       o.mode = value, i++;
     else if (strcmp(argv[i], "-u") == 0)
