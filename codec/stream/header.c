@@ -10,12 +10,12 @@ enum { FLAG_BASE = 1, FLAGS = FLAG_BASE };
 /* What decoding holds at once, bounds for what step.h's arrays, connectivity.c's nodes, and the result take; the models of all contexts are
  * the constant. tests/unit/codec/stream compares it with what is really taken. */
 enum {
-  PER_TRIANGLE = 172,
-  PER_VERTEX = 288,
+  PER_TRIANGLE = 196,
+  PER_VERTEX = 308,
   PER_CUT_VERTEX = 56,
   PER_COMPONENT = 80,
   PER_BASE_VERTEX = 128,
-  PER_PRIMITIVE = 64,
+  PER_PRIMITIVE = 72,
   PER_WEDGE = 160,
   MODELS = 2 << 20
 };

@@ -77,6 +77,7 @@ class App {
 
   async start() {
     addEventListener('hashchange', () => this.onHash());
+    if (this.state.model) this.open(this.state.model, { keep: true, early: true }); // the list is not needed for that
     for (let attempt = 0; ; attempt++) {
       try {
         const models = await this.list.refresh();
@@ -113,8 +114,11 @@ class App {
     else this.setBusy(false);
   }
 
-  /** keep: leaves family, tolerance and held level of the address as they are (they belong to this model). */
-  async open(id, { keep = id === this.state.model } = {}) {
+  /**
+   * keep: leaves family, tolerance and held level of the address as they are (they belong to this model). early: before the list of models has come,
+   * which tells of a server that cannot be reached or wants a token; then the model is opened again.
+   */
+  async open(id, { keep = id === this.state.model, early = false } = {}) {
     this.opening?.abort();
     const opening = (this.opening = new AbortController());
     if (!keep) this.setState({ model: id, level: null });
@@ -129,6 +133,7 @@ class App {
       this.begin(manifest);
     } catch (error) {
       if (opening.signal.aborted) return;
+      if (early && error.status !== 404) return;
       this.missed = id;
       this.setBusy(false);
       if (error.status === 404) this.messages.show(`There is no model ${id} on this server.`, { error: true, key: 'open' });
@@ -173,6 +178,7 @@ class App {
     $('canvas').setAttribute('aria-label', `3-D model ${manifest.id}, ${formatCount(manifest.source.triangles ?? 0)} triangles`);
     document.title = `${manifest.id} - Lodestream`;
     $('hud').hidden = false;
+    this.onFrame(this.view.facts(performance.now() / 1000, null)); // asks for the first level before anything is drawn
     this.view.invalidate();
   }
 
