@@ -14,6 +14,7 @@ static int run(int argc, char **argv);
 
 static const struct cli_option kOptions[] = {
     {"output", 'o', "OUT.ply", "Where the PLY goes; - is standard output. Required."},
+    {"delta", 'd', "DELTA", "A step to apply, behind those named before; may be repeated. The same as naming it behind the level."},
     {0},
 };
 
@@ -24,7 +25,8 @@ const struct cli_command cli_decode = {
     .text = "Deltas are applied to the level one after the other; the first may be a first picture, which needs no level (then the units\n"
             "of a model with instances are not placed, as only a level's GLB says where).\n\n"
             "  lodestream decode levels/objects/3f9a... -o level.ply\n"
-            "  lodestream decode families/retile/0.glb families/retile/0.delta.bin families/retile/1.delta.bin -o 2.ply",
+            "  lodestream decode families/retile/0.glb families/retile/0.delta.bin families/retile/1.delta.bin -o 2.ply\n"
+            "  lodestream decode --delta families/retile/0.delta.bin families/retile/0.glb -o 1.ply",
     .options = kOptions,
     .run = run,
 };
@@ -45,8 +47,21 @@ static enum lod_status write_ply(const struct lod_mesh *mesh, const char *path, 
 static int run(int argc, char **argv) {
   struct cli_arguments arguments = {.command = &cli_decode, .argc = argc, .argv = argv};
   const char *output = NULL, *value = NULL;
-  while (cli_next(&arguments, &value) != NULL)
-    output = value;
+  const char *deltas[sizeof arguments.operands / sizeof *arguments.operands];
+  int delta_count = 0;
+  const int most = (int)(sizeof deltas / sizeof *deltas);
+  for (const struct cli_option *option; (option = cli_next(&arguments, &value)) != NULL;) {
+    if (option->letter == 'o')
+      output = value;
+    else if (delta_count < most)
+      deltas[delta_count++] = value;
+    else
+      return cli_usage(&cli_decode, "too many deltas");
+  }
+  if (arguments.operand_count + delta_count > most)
+    return cli_usage(&cli_decode, "too many deltas");
+  for (int i = 0; i < delta_count; i++) /* wherever --delta stands, the level comes first */
+    arguments.operands[arguments.operand_count++] = deltas[i];
   if (arguments.operand_count < 1)
     return cli_usage(&cli_decode, "expected LEVEL.glb or DELTA...");
   if (output == NULL)

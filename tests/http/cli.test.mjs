@@ -134,6 +134,12 @@ test('envelope levels that nest come with steps between them, and its options ar
   assert.equal(made.status, 0, made.stderr);
   const [stepped, direct] = [await facts('inspect', 'step.ply'), await facts('inspect', levelPath('nested', levels[k + 1]))];
   assert.equal(stepped.triangles, direct.triangles);
+  const step = path.join('nested', 'objects', levels[k].delta.object);
+  assert.equal((await lodestream('decode', '--delta', step, levelPath('nested', levels[k]), '-o', 'named.ply')).status, 0);
+  assert.deepEqual(fs.readFileSync(at('named.ply')), fs.readFileSync(at('step.ply')));
+  const wrong = await lodestream('decode', '--delta', step, '--delta', step, levelPath('nested', levels[k]), '-o', 'no.ply'); // the base of the second is another one
+  assert.equal(wrong.status, BAD_INPUT);
+  assert.match(wrong.stderr, /starts from a level/);
   for (const [option, words] of [['nested=2', /knows nested=0\|1/], ['texels=-1', /texels=-1: expected a number from 0 to 1e\+09/], ['degrees=181', /degrees=181: expected a number from 0 to 180/],
     ['rms=', /rms=: expected a number from 0 to 1\b/], ['depth=3', /depth=3: envelope knows/], ['nested', /nested: envelope knows/]]) {
     const { status, stderr } = await lodestream('bake', model, '-o', 'wrong', '--family', 'envelope', '--envelope', option);
