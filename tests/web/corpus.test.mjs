@@ -45,7 +45,7 @@ function fileOf(name) {
 
 /**
  * Objects of a family in the order in which they are applied, a first picture first. Where a level has no step to the next one, that one's GLB comes,
- * as PLY, if the model is one unit (else its instances are placed there), and the rest of the chain behind it.
+ * as PLY, and the rest of the chain behind it, if that is triangles alone and the model one unit, whose instances are not placed: a page does likewise.
  */
 async function chain(levels, bake) {
   const object = ({ object }) => path.join(bake, 'objects', object);
@@ -56,7 +56,7 @@ async function chain(levels, bake) {
     if (delta) {
       if (delta.units) files.push(object(delta.units));
       files.push(object(delta));
-    } else if (single && levels.slice(k + 1).some((l) => l.delta)) {
+    } else if (single && levels.slice(k + 1).some((l) => l.delta) && !levels[k + 1].edges && !levels[k + 1].points) {
       const ply = path.join(bake, `${k + 1}.ply`);
       await run(TOOL, ['decode', object(levels[k + 1]), '-o', ply]);
       files.push(ply);
