@@ -33,6 +33,11 @@ LOD_WARN_UNUSED enum lod_status lod_glb_write(const struct lod_model *model, con
                                               const struct lod_glb_settings *settings, struct lod_arena *arena, uint8_t **bytes,
                                               size_t *size, struct lod_problem *problem);
 
+/* The model's materials alone as a glTF document (JSON, in `arena`), material i being the model's: for clients of streams that name
+ * materials by number. image_uris: as in the settings, not NULL. */
+LOD_WARN_UNUSED enum lod_status lod_gltf_materials_write(const struct lod_model *model, const char *const *image_uris,
+                                                         struct lod_arena *arena, char **text, struct lod_problem *problem);
+
 /* The grid on which lod_glb_write puts the positions of a unit's level: with lod_draco_grid_index and lod_draco_grid_point, where each
  * vertex goes. position_error: in unit space, so that of the settings over the unit's scale. */
 struct lod_draco_grid lod_glb_grid(const struct lod_mesh *mesh, double position_error);

@@ -1,5 +1,6 @@
 /* Materials go out as they came in; only texture indices change, and only what is used is sent. */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "codec/export/glb_private.h"
@@ -209,6 +210,54 @@ enum lod_status lod_glb_materials_init(const struct lod_model *model, const bool
   memset(image_index, 0xff, model->image_count * sizeof *image_index);
   LOD_TRY(add_materials(out, &walk, uses, problem));
   return add_textures(out, &walk, settings, image_index, problem);
+}
+
+static void add_array(json_t *root, const char *name, json_t *value) {
+  if (json_array_size(value) != 0)
+    json_object_set(root, name, value);
+}
+
+static json_t *keys_of(const json_t *object) {
+  json_t *keys = json_array(), *value;
+  const char *key;
+  json_object_foreach((json_t *)object, key, value) json_array_append_new(keys, json_string(key));
+  return keys;
+}
+
+static char *document_of(const struct glb_materials *materials) {
+  json_t *used = keys_of(materials->used), *required = keys_of(materials->required);
+  json_t *root = json_pack("{s{ssss}}", "asset", "version", "2.0", "generator", "Lodestream " LOD_VERSION);
+  add_array(root, "extensionsUsed", used);
+  add_array(root, "extensionsRequired", required);
+  add_array(root, "materials", materials->materials);
+  add_array(root, "textures", materials->textures);
+  add_array(root, "samplers", materials->samplers);
+  add_array(root, "images", materials->images);
+  json_decref(used);
+  json_decref(required);
+  char *text = json_dumps(root, JSON_COMPACT);
+  json_decref(root);
+  return text;
+}
+
+enum lod_status lod_gltf_materials_write(const struct lod_model *model, const char *const *image_uris, struct lod_arena *arena, char **text,
+                                         struct lod_problem *problem) {
+  struct lod_glb_settings settings = lod_glb_defaults();
+  struct glb_materials materials;
+  bool *uses = LOD_NEW(arena, model->material_count, bool);
+  if (uses == NULL)
+    return lod_fail_memory(problem);
+  memset(uses, 1, model->material_count * sizeof *uses);
+  settings.image_uris = image_uris;
+  enum lod_status status = lod_glb_materials_init(model, uses, &settings, arena, &materials, problem);
+  char *made = status == LOD_OK ? document_of(&materials) : NULL;
+  if (status == LOD_OK) {
+    *text = made == NULL ? NULL : lod_arena_copy(arena, made, strlen(made) + 1);
+    status = *text == NULL ? lod_fail_memory(problem) : LOD_OK;
+  }
+  free(made);
+  lod_glb_materials_finish(&materials);
+  return status;
 }
 
 void lod_glb_materials_finish(struct glb_materials *out) {

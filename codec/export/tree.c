@@ -306,7 +306,7 @@ static enum lod_status fill(struct export *e, enum lod_export_format format, con
   LOD_TRY(make_directory(e, "objects"));
   LOD_TRY(make_directory(e, "families"));
   json_object_foreach(json_object_get(e->manifest, "families"), name, family) LOD_TRY(export_family(e, name, family));
-  static const char *const kDocuments[] = {"tileset", "gltf"};
+  static const char *const kDocuments[] = {"tileset", "gltf", "materials"};
   for (size_t i = 0; i < sizeof kDocuments / sizeof kDocuments[0]; i++) {
     json_t *document = json_object_get(e->manifest, kDocuments[i]);
     if (document != NULL)

@@ -54,12 +54,18 @@ struct lod_dynamic {
   struct patch_state *patches;
   struct edge_state *edges;
   uint32_t (*corner_vertex)[3];
+  bool *split;     /* of edges: two sets of vertices, since normals or attributes jump */
+  uint32_t *order; /* patches, by material */
   uint8_t *visible;
   struct lod_pattern_cache cache; /* in `arena` */
   enum lod_smoothness smoothness;
 
   struct slots vertices, indices;
   float (*positions)[3], (*normals)[3];
+  float *numbers; /* attributes, as many a vertex as the surface has */
+  uint32_t width;
+  struct lod_dynamic_group *groups;
+  uint32_t group_count, group_room;
   uint32_t *vertex_roots, *index_pool, *drawn;
   uint32_t drawn_count, drawn_room;
   uint32_t (*changed)[2];
@@ -107,13 +113,14 @@ static uint32_t take(struct lod_dynamic *d, struct slots *slots, uint32_t count,
     return LOD_NONE;
   uint32_t needed = slots->next + *room;
   if (needed > slots->room) {
-    uint32_t before = slots->room, rooms[3] = {before, before, before};
+    uint32_t before = slots->room, rooms[4] = {before, before, before, before};
     if (slots == &d->indices) {
       if (!grow(d->arena, (void **)&d->index_pool, &rooms[0], needed, sizeof *d->index_pool))
         return LOD_NONE;
     } else if (!grow(d->arena, (void **)&d->positions, &rooms[0], needed, sizeof *d->positions) ||
                !grow(d->arena, (void **)&d->normals, &rooms[1], needed, sizeof *d->normals) ||
-               !grow(d->arena, (void **)&d->vertex_roots, &rooms[2], needed, sizeof *d->vertex_roots)) {
+               !grow(d->arena, (void **)&d->vertex_roots, &rooms[2], needed, sizeof *d->vertex_roots) ||
+               (d->width > 0 && !grow(d->arena, (void **)&d->numbers, &rooms[3], needed, d->width * sizeof *d->numbers))) {
       return LOD_NONE;
     }
     slots->room = rooms[0];
@@ -196,6 +203,36 @@ static enum lod_status find_closed(struct lod_dynamic *d, struct lod_arena *scra
   return LOD_OK;
 }
 
+static uint32_t material_of(const struct lod_dynamic *d, uint32_t patch) {
+  return d->surface.materials == NULL ? LOD_NONE : d->surface.materials[patch];
+}
+
+struct sorted {
+  uint32_t material, patch;
+};
+
+static int by_material(const void *a, const void *b) {
+  const struct sorted *x = a, *y = b;
+  if (x->material != y->material)
+    return x->material < y->material ? -1 : 1;
+  return x->patch < y->patch ? -1 : x->patch > y->patch;
+}
+
+static enum lod_status sort_patches(struct lod_dynamic *d) {
+  uint32_t count = d->surface.patch_count;
+  struct sorted *list = LOD_NEW(d->surface_arena, count, struct sorted);
+  d->order = LOD_NEW(d->surface_arena, count, uint32_t);
+  if (list == NULL || d->order == NULL)
+    return LOD_MEMORY;
+  for (uint32_t p = 0; p < count; p++)
+    list[p] = (struct sorted){material_of(d, p), p};
+  if (count > 1 && d->surface.materials != NULL)
+    qsort(list, count, sizeof *list, by_material);
+  for (uint32_t p = 0; p < count; p++)
+    d->order[p] = list[p].patch;
+  return LOD_OK;
+}
+
 static enum lod_status prepare(struct lod_dynamic *d) {
   const struct lod_patches *s = &d->surface;
   struct lod_arena *arena = d->surface_arena;
@@ -203,7 +240,8 @@ static enum lod_status prepare(struct lod_dynamic *d) {
   d->edges = LOD_NEW_ZERO(arena, s->edge_count, struct edge_state);
   d->corner_vertex = lod_arena_alloc(arena, s->patch_count, sizeof *d->corner_vertex);
   d->visible = LOD_NEW_ZERO(arena, s->patch_count, uint8_t);
-  if (d->patches == NULL || d->edges == NULL || d->corner_vertex == NULL || d->visible == NULL)
+  d->split = LOD_NEW(arena, s->edge_count, bool);
+  if (d->patches == NULL || d->edges == NULL || d->corner_vertex == NULL || d->visible == NULL || d->split == NULL)
     return LOD_MEMORY;
   for (uint32_t e = 0; e < s->edge_count; e++) {
     struct lod_bezier_curve curve = lod_patches_edge(s, e);
@@ -219,39 +257,56 @@ static enum lod_status prepare(struct lod_dynamic *d) {
     if (!d->shows_front_only[d->roots == NULL ? p : d->roots[p]])
       d->patches[p].sine = 2;
   }
-  return LOD_OK;
+  for (uint32_t e = 0; e < s->edge_count; e++)
+    d->split[e] = lod_patches_are_split(s, e, d->edges[e].users);
+  return sort_patches(d);
 }
 
-/* Vertices of corners: one for each sector, one for each patch where there is none. */
+/* Numbers of vertex `vertex`, which lies at these barycentric coordinates of a patch. */
+static void set_numbers(struct lod_dynamic *d, uint32_t vertex, uint32_t patch, const double at[3]) {
+  if (d->width > 0)
+    lod_patch_attributes_mix(&d->surface.attributes, patch, at, d->numbers + (size_t)d->width * vertex);
+}
+
+/* Numbers the vertices of corners: one for each sector and wedge, one for each patch where there is no sector. Returns how many. */
+static uint32_t number_corners(struct lod_dynamic *d, uint32_t *of_sector) {
+  const struct lod_patches *s = &d->surface;
+  const struct lod_patch_attributes *a = &s->attributes;
+  uint32_t count = 0;
+  memset(of_sector, 0xff, s->normal_count * sizeof *of_sector);
+  for (uint32_t h = 0; h < 3 * s->patch_count; h++) {
+    uint32_t p = h / 3, k = h % 3, sector = s->sectors[p][k], user = sector == LOD_NONE ? LOD_NONE : of_sector[sector];
+    if (user != LOD_NONE && (d->width == 0 || !lod_patch_attributes_differ(a, a->corners[p][k], a->corners[user / 3][user % 3]))) {
+      d->corner_vertex[p][k] = d->corner_vertex[user / 3][user % 3];
+      continue;
+    }
+    d->corner_vertex[p][k] = count++;
+    if (sector != LOD_NONE)
+      of_sector[sector] = h;
+  }
+  return count;
+}
+
 static enum lod_status make_corners(struct lod_dynamic *d) {
   const struct lod_patches *s = &d->surface;
   uint32_t *of_sector = LOD_NEW(d->surface_arena, s->normal_count, uint32_t), room;
   if (of_sector == NULL)
     return LOD_MEMORY;
-  memset(of_sector, 0xff, s->normal_count * sizeof *of_sector);
-  uint32_t count = s->normal_count;
-  for (uint32_t p = 0; p < s->patch_count; p++)
-    for (uint32_t k = 0; k < 3; k++)
-      count += s->sectors[p][k] == LOD_NONE;
-  uint32_t first = count == 0 ? 0 : take(d, &d->vertices, count, &room), next = first;
+  uint32_t count = number_corners(d, of_sector), first = count == 0 ? 0 : take(d, &d->vertices, count, &room), made = 0;
   if (first == LOD_NONE)
     return LOD_MEMORY;
   for (uint32_t p = 0; p < s->patch_count; p++)
     for (uint32_t k = 0; k < 3; k++) {
-      uint32_t sector = s->sectors[p][k];
-      if (sector != LOD_NONE && of_sector[sector] != LOD_NONE) {
-        d->corner_vertex[p][k] = of_sector[sector];
-        continue;
-      }
-      d->corner_vertex[p][k] = next;
-      if (sector != LOD_NONE)
-        of_sector[sector] = next;
-      lod_vec3_to_float(s->positions[s->corners[p][k]], d->positions[next]);
-      struct lod_vec3 normal = lod_evaluate_corner_normal(s, p, k);
-      lod_vec3_to_float(normal, d->normals[next]);
-      d->vertex_roots[next++] = d->roots == NULL ? p : d->roots[p];
+      uint32_t vertex = d->corner_vertex[p][k] += first;
+      if (vertex != first + made)
+        continue; /* another patch's */
+      made++;
+      lod_vec3_to_float(s->positions[s->corners[p][k]], d->positions[vertex]);
+      lod_vec3_to_float(lod_evaluate_corner_normal(s, p, k), d->normals[vertex]);
+      set_numbers(d, vertex, p, (const double[3]){k == 0, k == 1, k == 2});
+      d->vertex_roots[vertex] = d->roots == NULL ? p : d->roots[p];
     }
-  return mark_changed(d, first, next - first) ? LOD_OK : LOD_MEMORY;
+  return mark_changed(d, first, count) ? LOD_OK : LOD_MEMORY;
 }
 
 static void forget_slots(struct slots *slots) {
@@ -402,32 +457,41 @@ static enum lod_status halve(struct lod_dynamic *d, const struct frame *frame, c
 
 /* ---- making triangles ---- */
 
+/* A point inside edge e for the patch on its side `user`: positions are there. */
+static void finish_edge_point(struct lod_dynamic *d, uint32_t user, bool against, double t, uint32_t vertex) {
+  double at[3] = {0, 0, 0};
+  at[user % 3] = against ? t : 1 - t;
+  at[(user % 3 + 1) % 3] = against ? 1 - t : t;
+  set_numbers(d, vertex, user / 3, at);
+  d->vertex_roots[vertex] = d->roots == NULL ? user / 3 : d->roots[user / 3];
+}
+
 static enum lod_status make_edge(struct lod_dynamic *d, uint32_t e, uint32_t factor, struct lod_dynamic_stats *stats) {
   struct edge_state *edge = &d->edges[e];
   const struct lod_patches *s = &d->surface;
-  uint32_t count = factor - 1;
+  uint32_t count = factor - 1, sides = d->split[e] ? 2 : 1;
   float(*normals[2])[3] = {NULL, NULL};
   edge->factor = factor;
   edge->make++;
-  for (uint32_t side = 0; side < (s->sharp[e] ? 2 : 1); side++)
-    if (!s->sharp[e] || edge->users[side] != LOD_NONE) {
-      if (!retake(d, &d->vertices, count, &edge->first[side], &edge->room[side]))
-        return LOD_MEMORY;
-    }
-  for (uint32_t side = 0; side < 2 && count > 0; side++) {
-    if (edge->room[side] == 0)
-      continue;
-    uint32_t first = edge->first[side], user = edge->users[side] == LOD_NONE ? edge->users[1 - side] : edge->users[side];
+  for (uint32_t side = 0; side < sides; side++)
+    if (!retake(d, &d->vertices, count, &edge->first[side], &edge->room[side]))
+      return LOD_MEMORY;
+  for (uint32_t side = 0; side < sides && count > 0; side++) {
+    uint32_t first = edge->first[side], against = edge->users[side] == LOD_NONE ? 1 - side : side;
     lod_evaluate_edge(s, e, factor, d->positions + first);
     for (uint32_t i = 0; i < count; i++)
-      d->vertex_roots[first + i] = d->roots == NULL ? user / 3 : d->roots[user / 3];
+      finish_edge_point(d, edge->users[against], against, (i + 1.0) / factor, first + i);
     normals[side] = d->normals + first;
     if (!mark_changed(d, first, count))
       return LOD_MEMORY;
     stats->vertices_made += count;
   }
-  if (count > 0)
+  if (count > 0) {
+    normals[1] = sides == 1 ? normals[0] : normals[1];
     lod_evaluate_edge_normals(s, e, edge->users, factor, d->smoothness, normals);
+    if (sides == 2 && !s->sharp[e])
+      memcpy(normals[1], normals[0], count * sizeof *normals[0]);
+  }
   stats->edges_made++;
   return LOD_OK;
 }
@@ -436,7 +500,7 @@ static enum lod_status make_edge(struct lod_dynamic *d, uint32_t e, uint32_t fac
 static void gather_outer(const struct lod_dynamic *d, uint32_t p, const struct lod_tessellation_pattern *pattern, uint32_t *numbers) {
   for (uint32_t k = 0; k < 3; k++) {
     uint32_t side = d->surface.edges[p][k], e = side >> 1, against = side & 1, factor = d->edges[e].factor;
-    uint32_t first = d->edges[e].first[d->surface.sharp[e] ? against : 0], *out = numbers + pattern->edge_vertices[k];
+    uint32_t first = d->edges[e].first[d->split[e] ? against : 0], *out = numbers + pattern->edge_vertices[k];
     numbers[k] = d->corner_vertex[p][k];
     for (uint32_t i = 0; i + 1 < factor; i++)
       out[i] = first + (against ? factor - 2 - i : i);
@@ -461,8 +525,11 @@ static enum lod_status make_patch(struct lod_dynamic *d, uint32_t p, struct lod_
       return LOD_MEMORY;
     lod_evaluate_inside(&d->surface, p, &net, pattern, &d->cache.grids[state->grid], d->smoothness, d->positions + state->inner,
                         d->normals + state->inner);
-    for (uint32_t i = 0; i < inside; i++)
+    for (uint32_t i = 0; i < inside; i++) {
+      const struct lod_barycentric *at = &pattern->domain[pattern->inner_vertices + i];
+      set_numbers(d, state->inner + i, p, (const double[3]){at->u, at->v, at->w});
       d->vertex_roots[state->inner + i] = d->roots == NULL ? p : d->roots[p];
+    }
     stats->vertices_made += inside;
   }
   if (!retake(d, &d->indices, 3 * pattern->triangle_count, &state->first_index, &state->index_room))
@@ -531,6 +598,25 @@ static enum lod_status make_seen(struct lod_dynamic *d, struct lod_dynamic_stats
   return LOD_OK;
 }
 
+/* Indices of what is seen, material after material. */
+static enum lod_status gather_drawn(struct lod_dynamic *d) {
+  d->drawn_count = d->group_count = 0;
+  for (uint32_t i = 0; i < d->surface.patch_count; i++) {
+    uint32_t p = d->order[i], material = material_of(d, p), count = d->patches[p].index_count;
+    if (d->visible[p] != SEEN)
+      continue;
+    if (d->group_count == 0 || d->groups[d->group_count - 1].material != material) {
+      if (!grow(d->arena, (void **)&d->groups, &d->group_room, d->group_count + 1, sizeof *d->groups))
+        return LOD_MEMORY;
+      d->groups[d->group_count++] = (struct lod_dynamic_group){.material = material, .first = d->drawn_count};
+    }
+    memcpy(d->drawn + d->drawn_count, d->index_pool + d->patches[p].first_index, count * sizeof *d->drawn);
+    d->groups[d->group_count - 1].count += count;
+    d->drawn_count += count;
+  }
+  return LOD_OK;
+}
+
 static enum lod_status make_triangles(struct lod_dynamic *d, struct lod_dynamic_stats *stats) {
   enum { PASSES = 7 };
   bool again = true;
@@ -541,13 +627,7 @@ static enum lod_status make_triangles(struct lod_dynamic *d, struct lod_dynamic_
     count += d->visible[p] == SEEN ? d->patches[p].index_count : 0;
   if (count >= UINT32_MAX / 2 || !grow(d->arena, (void **)&d->drawn, &d->drawn_room, (uint32_t)count, sizeof *d->drawn))
     return LOD_MEMORY;
-  d->drawn_count = 0;
-  for (uint32_t p = 0; p < d->surface.patch_count; p++)
-    if (d->visible[p] == SEEN) {
-      memcpy(d->drawn + d->drawn_count, d->index_pool + d->patches[p].first_index, d->patches[p].index_count * sizeof *d->drawn);
-      d->drawn_count += d->patches[p].index_count;
-    }
-  return LOD_OK;
+  return gather_drawn(d);
 }
 
 static int by_first(const void *a, const void *b) {
@@ -628,6 +708,7 @@ enum lod_status lod_dynamic_create(const struct lod_patches *patches, struct lod
   if (d != NULL) {
     d->arena = own;
     d->given = patches;
+    d->width = patches->attributes.corners == NULL ? 0 : patches->attributes.width;
     d->shows_front_only = LOD_NEW_ZERO(own, patches->patch_count, bool);
     d->whole = LOD_NEW_ZERO(own, patches->patch_count, struct patch_state);
     if (d->shows_front_only != NULL && d->whole != NULL)
@@ -658,6 +739,10 @@ void lod_dynamic_mesh(const struct lod_dynamic *d, struct lod_dynamic_mesh *mesh
   *mesh = (struct lod_dynamic_mesh){.vertex_room = d->vertices.next,
                                     .positions = (const float(*)[3])d->positions,
                                     .normals = (const float(*)[3])d->normals,
+                                    .numbers = d->width == 0 ? NULL : d->numbers,
+                                    .width = d->width,
+                                    .groups = d->groups,
+                                    .group_count = d->group_count,
                                     .roots = d->vertex_roots,
                                     .indices = d->drawn,
                                     .index_count = d->drawn_count,
@@ -674,9 +759,9 @@ const struct lod_patches *lod_dynamic_surface(const struct lod_dynamic *d, const
 }
 
 void lod_dynamic_triangle_patches(const struct lod_dynamic *d, uint32_t *triangle_patches) {
-  for (uint32_t p = 0; p < d->surface.patch_count; p++)
-    for (uint32_t t = 0; d->visible[p] == SEEN && t < d->patches[p].index_count / 3; t++)
-      *triangle_patches++ = p;
+  for (uint32_t i = 0; i < d->surface.patch_count; i++)
+    for (uint32_t t = 0; d->visible[d->order[i]] == SEEN && t < d->patches[d->order[i]].index_count / 3; t++)
+      *triangle_patches++ = d->order[i];
 }
 
 uint32_t lod_dynamic_domain(const struct lod_dynamic *d, uint32_t patch, const uint32_t (**triangles)[3],

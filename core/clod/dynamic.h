@@ -5,7 +5,8 @@
  * space, culling of back patches and of what is outside, incremental update), as Gopi, Manocha 1998 ask for; Filip, Magedson, Markot 1986;
  * Shirman, Abi-Ezzi. The Cone of Normals Technique for Fast Processing of Curved Patches. 1993.
  *
- * - Cracks cannot open: an edge has one factor and one set of vertices, from its own curve, and both patches index these.
+ * - Cracks cannot open: an edge has one factor and one set of points, from its own curve, and both patches index these; where normals, UVs
+ *   or colours jump they have vertices of their own at the same points.
  * - A patch that needs more than LOD_TESSELLATE_MOST parts is halved (halve.h), so there are no facets at any zoom, down to what float
  *   coordinates can tell apart.
  * - Tolerance: a point of a triangle and the point of the surface that it stands for lie within `pixels` of one another on the screen, for
@@ -54,11 +55,20 @@ struct lod_dynamic_stats {
 LOD_WARN_UNUSED enum lod_status lod_dynamic_update(struct lod_dynamic *dynamic, const struct lod_dynamic_view *view,
                                                    const struct lod_dynamic_settings *settings, struct lod_dynamic_stats *stats);
 
+/* Indices of one material; LOD_NONE: patches that have none. */
+struct lod_dynamic_group {
+  uint32_t material, first, count; /* in indices */
+};
+
 /* What is to be drawn, valid until the next update. */
 struct lod_dynamic_mesh {
   uint32_t vertex_room; /* numbers that indices may have are below; not all are in use */
   const float (*positions)[3];
   const float (*normals)[3];
+  const float *numbers; /* vertex_room * width: UVs and colours as the surface's attributes have them; NULL: there are none */
+  uint32_t width;
+  const struct lod_dynamic_group *groups; /* of indices, one a material that is seen */
+  uint32_t group_count;
   const uint32_t *roots; /* vertex_room: a patch of the given ones that each vertex was made for; of a shared vertex one of them */
   const uint32_t *indices;
   uint32_t index_count;

@@ -39,6 +39,13 @@ bool lod_patches_check(const struct lod_patches *patches, struct lod_problem *pr
 /* Fills partners from edges. Scratch stays in `arena`. LOD_MEMORY alone. */
 LOD_WARN_UNUSED enum lod_status lod_patches_find_partners(struct lod_patches *patches, struct lod_arena *arena);
 
+/* Whether normals, UVs or colours jump across an edge; users: 3 * patch + side of the patch along it and of the one against it, or
+ * LOD_NONE. */
+static inline bool lod_patches_are_split(const struct lod_patches *patches, uint32_t edge, const uint32_t users[2]) {
+  return users[0] != LOD_NONE && users[1] != LOD_NONE &&
+         (patches->sharp[edge] || lod_patch_attributes_jump(&patches->attributes, users[0] / 3, users[0] % 3, users[1]));
+}
+
 /* Box of all control points: the surface lies inside. */
 struct lod_bounds lod_patches_bounds(const struct lod_patches *patches);
 

@@ -273,11 +273,8 @@ static enum lod_status find_split(struct job *job, struct lod_arena *scratch) {
   job->split = LOD_NEW_ZERO(scratch, patches->edge_count, bool);
   if (job->split == NULL)
     return LOD_MEMORY;
-  for (uint32_t e = 0; e < patches->edge_count; e++) {
-    uint32_t along = job->users[e][0], against = job->users[e][1];
-    if (along != LOD_NONE && against != LOD_NONE)
-      job->split[e] = patches->sharp[e] || lod_patch_attributes_jump(&patches->attributes, along / 3, along % 3, against);
-  }
+  for (uint32_t e = 0; e < patches->edge_count; e++)
+    job->split[e] = lod_patches_are_split(patches, e, job->users[e]);
   return LOD_OK;
 }
 

@@ -9,8 +9,9 @@
 struct lod_level_patches {
   const uint8_t *bytes; /* codec/stream/patches.h: a frame a unit */
   size_t size;
-  uint64_t count;   /* patches */
-  double deviation; /* bound of the distance between the patches and the level's meshes before these were rounded to float, model units */
+  uint64_t count;     /* patches */
+  double deviation;   /* bound of the distance between the patches and the level's meshes before these were rounded to float, model units */
+  double color_bound; /* how far colours are from the source's at corresponding points, largest component, coding included; 0 = none */
 };
 
 /* One approximation of all units. Owned by the family; valid until the sink returns. */

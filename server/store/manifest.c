@@ -9,6 +9,7 @@
 static const char *const kTypes[] = {
     "model/gltf-binary",
     "application/json",
+    "model/gltf+json",
     "image/png",
     "image/jpeg",
     "image/webp",
@@ -451,6 +452,8 @@ static enum lod_status parse(json_t *root, const char *text, size_t size, const 
   LOD_TRY(check_bake(root, problem));
   LOD_TRY(read_document(root, "tileset", "application/json", manifest->tileset, problem));
   LOD_TRY(read_document(root, "gltf", "model/gltf-binary", manifest->gltf, problem));
+  char materials[LOD_SHA256_HEX + 1]; /* only named */
+  LOD_TRY(read_document(root, "materials", "model/gltf+json", materials, problem));
   return collect_objects(root, manifest, problem);
 }
 

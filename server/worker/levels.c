@@ -83,6 +83,7 @@ static enum lod_status certify_patches(const struct lod_level_baker *baker, cons
   baked->patches.bytes = level->patches->bytes;
   baked->patches.size = level->patches->size;
   baked->patches.count = level->patches->count;
+  baked->patches.color_bound = level->patches->color_bound;
   /* Rounding to float moves a vertex by at most sqrt(3) 2^-24 of the largest coordinate. */
   baked->patches.error = error.upper + level->patches->deviation + 0x1p-23 * magnitude;
   return LOD_OK;
@@ -289,10 +290,26 @@ static int coarser_first(const void *a, const void *b) {
   const struct lod_baked_level *x = a, *y = b;
   if (x->error.upper != y->error.upper)
     return x->error.upper > y->error.upper ? -1 : 1;
-  return x->size < y->size ? 1 : x->size > y->size ? -1 : 0;
+  if (x->size != y->size)
+    return x->size < y->size ? 1 : -1;
+  return (x->patches.size != 0) - (y->patches.size != 0);
+}
+
+/* Patches that others better go. What is left of such a level is its triangles: as many as the error of curves asks for, they are not worth
+ * keeping for themselves unless nothing betters them either. */
+static void drop_patches(struct lod_baked_level *levels, uint32_t count) {
+  for (uint32_t i = 0; i < count; i++)
+    for (uint32_t j = 0; j < count && levels[i].patches.size != 0; j++) {
+      size_t mine = levels[i].patches.size, other = levels[j].patches.size;
+      double error = levels[i].patches.error, others = levels[j].patches.error;
+      if (j == i || other == 0 || other > mine || others > error || (other == mine && others == error && j > i))
+        continue;
+      levels[i].patches.size = 0;
+    }
 }
 
 uint32_t lod_levels_order(struct lod_baked_level *levels, uint32_t count) {
+  drop_patches(levels, count);
   qsort(levels, count, sizeof *levels, coarser_first);
   uint32_t kept = 0;
   size_t fewest = SIZE_MAX;

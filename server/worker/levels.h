@@ -45,7 +45,8 @@ struct lod_baked_level {
     const uint8_t *bytes;
     size_t size;
     uint64_t count;
-    double error; /* certified, model units: of what the bytes decode to */
+    double error;       /* certified, model units: of what the bytes decode to */
+    double color_bound; /* as lod_level_patches */
     char object[LOD_HASH_HEX + 1];
   } patches;
   struct lod_baked_delta delta; /* to the next finer level; of the coarsest also: */
@@ -67,7 +68,8 @@ struct lod_level_baker {
 LOD_WARN_UNUSED enum lod_status lod_level_bake(const struct lod_level_baker *baker, const struct lod_level *level, double position_error,
                                                struct lod_arena *arena, struct lod_baked_level *baked, struct lod_problem *problem);
 
-/* Orders levels coarsest first and drops every level that another one betters in bytes without more error. Returns how many are left. */
+/* Orders levels coarsest first and drops every level that another one betters in bytes without more error; of a curved level the patches,
+ * where another's better them, and the level with them unless its triangles are worth keeping. Returns how many are left. */
 uint32_t lod_levels_order(struct lod_baked_level *levels, uint32_t count);
 
 #endif

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "codec/export/glb.h"
 #include "codec/export/interop.h"
 #include "codec/stream/units.h"
 
@@ -62,6 +63,21 @@ static json_t *drift_json(const struct lod_baked_level *level, const struct lod_
   return json;
 }
 
+/* How far UVs and colours of patches are off at corresponding points. */
+static void add_slip(const struct lod_baked_level *level, const struct lod_model *model, json_t *patches) {
+  json_t *slip = json_object();
+  if (level->uv_bound > 0 && isfinite(level->uv_bound)) {
+    json_object_set_new(slip, "uv", upper_bound(level->uv_bound));
+    if (most_texels(model) > 0)
+      json_object_set_new(slip, "texels", upper_bound(level->uv_bound * most_texels(model)));
+  }
+  if (level->patches.color_bound > 0)
+    json_object_set_new(slip, "color", upper_bound(level->patches.color_bound));
+  if (json_object_size(slip) != 0)
+    json_object_set(patches, "slip", slip);
+  json_decref(slip);
+}
+
 static json_t *level_json(const struct lod_baked_level *level, uint32_t index, const struct lod_model *model) {
   json_t *json = json_pack("{sI sI sI sI sI}", "level", (json_int_t)index, "vertices", (json_int_t)level->vertices, "triangles",
                            (json_int_t)level->triangles, "edges", (json_int_t)level->edges, "points", (json_int_t)level->points);
@@ -84,6 +100,7 @@ static json_t *level_json(const struct lod_baked_level *level, uint32_t index, c
     json_t *patches = json_pack("{sI sI ss ss}", "patches", (json_int_t)level->patches.count, "bytes", (json_int_t)level->patches.size,
                                 "object", level->patches.object, "type", "application/vnd.lodestream.patches");
     json_object_set_new(patches, "error", upper_bound(level->patches.error));
+    add_slip(level, model, patches);
     json_object_set_new(json, "patches", patches);
   }
   if (level->delta.size != 0) {
@@ -261,6 +278,28 @@ static enum lod_status add_documents(json_t *manifest, int directory_fd, struct 
   return status;
 }
 
+/* Patch streams name materials by number: where there are any, the materials are a document of their own. */
+static enum lod_status add_materials(const struct lod_manifest_facts *facts, json_t *manifest, struct lod_problem *problem) {
+  bool curved = false;
+  for (uint32_t f = 0; f < facts->family_count; f++)
+    for (uint32_t i = 0; i < facts->families[f].level_count; i++)
+      curved = curved || facts->families[f].levels[i].patches.size != 0;
+  if (!curved || facts->model->material_count == 0)
+    return LOD_OK;
+  struct lod_arena *arena = lod_arena_create(0);
+  const char **uris = arena == NULL ? NULL : LOD_NEW(arena, facts->model->image_count, const char *);
+  enum lod_status status = uris == NULL ? lod_fail_memory(problem) : LOD_OK;
+  for (uint32_t i = 0; status == LOD_OK && i < facts->model->image_count; i++)
+    uris[i] = facts->image_objects[i];
+  char *text = NULL;
+  if (status == LOD_OK)
+    status = lod_gltf_materials_write(facts->model, uris, arena, &text, problem);
+  if (status == LOD_OK)
+    status = add_document(manifest, "materials", "model/gltf+json", text, strlen(text), facts->request->directory_fd, problem);
+  lod_arena_destroy(arena);
+  return status;
+}
+
 enum lod_status lod_manifest_text(const struct lod_manifest_facts *facts, char **text_out, struct lod_problem *problem) {
   json_t *settings = settings_json(facts->request);
   char *settings_text = json_dumps(settings, JSON_COMPACT);
@@ -291,6 +330,8 @@ enum lod_status lod_manifest_text(const struct lod_manifest_facts *facts, char *
   json_object_set_new(manifest, "textures", textures_json(facts));
   json_object_set_new(manifest, "bake", bake);
   enum lod_status status = add_documents(manifest, facts->request->directory_fd, problem);
+  if (status == LOD_OK)
+    status = add_materials(facts, manifest, problem);
   *text_out = status == LOD_OK ? json_dumps(manifest, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
   json_decref(manifest);
   return status == LOD_OK && *text_out == NULL ? lod_fail_memory(problem) : status;

@@ -45,6 +45,7 @@ struct piece {
   uint32_t patches;
   double error, deviation; /* model units: bound of the patches before coding; of their chords */
   double uv;               /* how far UVs are off; INFINITY: the source has some that the patches have not */
+  double color;            /* and colours */
 };
 
 static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_arena *arena, struct piece *piece) {
@@ -75,6 +76,7 @@ static enum lod_status make_piece(const struct run *run, uint32_t u, struct lod_
   piece->deviation = flat.deviation * scale;
   /* Linear over triangles as over patches: corresponding points have the same. 0.71: of a square's half diagonal. */
   piece->uv = patches.attributes.corners != NULL ? patches.attributes.uv_off + 0.71 * encode.uv_step : 0;
+  piece->color = patches.attributes.corners != NULL && patches.attributes.has_colors ? patches.attributes.color_off + 0.5 / 255 : 0;
   for (int set = 0; set < LOD_UV_SETS; set++)
     if (run->units[u].mesh.uvs[set] != NULL && !patches.attributes.has_uv[set])
       piece->uv = INFINITY;
@@ -96,6 +98,7 @@ static enum lod_status emit(const struct run *run, struct lod_arena *arena, lod_
     patches.deviation = fmax(patches.deviation, pieces[u].deviation);
     bound = fmax(bound, pieces[u].error + pieces[u].deviation);
     uv = fmax(uv, pieces[u].uv);
+    patches.color_bound = fmax(patches.color_bound, pieces[u].color);
   }
   uint8_t *bytes = LOD_NEW(arena, patches.size, uint8_t);
   if (bytes == NULL)

@@ -28,6 +28,7 @@ static void tessellate(const struct lod_patches *patches, struct lod_arena *aren
   struct lod_problem problem = {0};
   settings.tolerance = 1;
   settings.threads = 1;
+  settings.normals = true; /* UVs and colours go with them */
   if (patches->patch_count < 100 && lod_tessellate(patches, &settings, arena, &flat, &problem) == LOD_OK &&
       flat.mesh.triangle_count < patches->patch_count)
     abort();

@@ -6,7 +6,7 @@ import path from 'node:path';
 import { after, before, test } from 'node:test';
 import { ROOT, keep, launch, openPage } from './browser.mjs';
 import { Daemon } from './daemon.mjs';
-import { bumpySphere, writePly } from './models.mjs';
+import { bumpySphere, checkerGlb, writePly } from './models.mjs';
 import { decodeCurves } from '../../clients/web/src/wasm/clod.js';
 
 const TEST = { timeout: 240000 };
@@ -120,6 +120,52 @@ test('the page tessellates as the camera moves, shows edges, nets and error on d
     assert.ok(Number(near.patches) > Number(wide.patches) && Number(near.outside) > 0 && Number(near.pixels) <= 0.5, JSON.stringify(near));
     assert.ok(Number(near.triangles) < 200000, JSON.stringify(near));
     keep('patches-near.png', await page.screenshot());
+    assert.deepEqual(page.faults, []);
+  } finally {
+    await page.context().close();
+  }
+});
+
+/** Reddish, and pale, pixels of the canvas: the squares of checkerGlb's picture. */
+const squares = (page) => page.evaluate(() => {
+  const canvas = document.getElementById('canvas');
+  const context = Object.assign(document.createElement('canvas'), { width: canvas.width, height: canvas.height }).getContext('2d');
+  context.drawImage(canvas, 0, 0);
+  const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+  let [red, pale] = [0, 0];
+  for (let i = 0; i < data.length; i += 4) {
+    if (data[i + 3] < 255) continue;
+    if (data[i] > 1.6 * data[i + 2]) red++;
+    else pale++;
+  }
+  return { red, pale };
+});
+
+test('a textured model is drawn with its pictures while the camera moves, and its slip is told', TEST, async () => {
+  const textured = await daemon.bake('checker', checkerGlb(24), 'checker.glb', 200);
+  const curved = textured.families.clod.levels.filter((level) => level.patches);
+  assert.ok(curved.length >= 2 && curved.every(({ patches }) => patches.slip.uv > 0 && patches.slip.texels > 0 && !('color' in patches.slip)), JSON.stringify(curved));
+  const materials = await (await fetch(`${daemon.url}v1/models/checker/${textured.materials.object}`)).json();
+  assert.equal(materials.materials.length, 1);
+  assert.equal(materials.meshes, undefined);
+  const page = await openPage(browser, { viewport: { width: 800, height: 600 } });
+  try {
+    await page.goto(`${daemon.url}viewer/patches.html#model=checker&level=${curved[0].level}&eye=0,0.4,3&target=0,0,0`);
+    await page.waitForSelector('body[data-ready=true]');
+    await frames(page, 3);
+    const far = await squares(page);
+    assert.ok(far.red > 0.3 * far.pale && far.pale > 0.3 * far.red, JSON.stringify(far));
+    assert.match(await page.locator('#facts').inputValue().catch(() => page.locator('#facts').textContent()), /texels/);
+    keep('patches-textured.png', await page.screenshot());
+    await page.evaluate(() => { // the middle of one square, from so near that it is all there is
+      const { controls, camera } = window.page;
+      controls.target.set(0.06, 0.06, 0.04);
+      camera.position.set(0.06, 0.06, 0.14);
+      controls.update();
+    });
+    await frames(page, 3);
+    const near = await squares(page);
+    assert.ok(Math.max(near.red, near.pale) > 5 * Math.min(near.red, near.pale), JSON.stringify(near));
     assert.deepEqual(page.faults, []);
   } finally {
     await page.context().close();

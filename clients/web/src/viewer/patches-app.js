@@ -3,11 +3,9 @@
  *   /viewer/patches.html#model=ID&level=2&pixels=0.5&edges=1&nets=1&error=1&wires=1&strict=1&up=z&eye=x,y,z&target=x,y,z
  */
 
-import {
-  BufferAttribute, BufferGeometry, Color, DoubleSide, DynamicDrawUsage, LineBasicMaterial, LineSegments, Matrix4, Mesh,
-  MeshBasicMaterial, MeshStandardMaterial, Sphere, Vector3,
-} from 'three';
+import { Color, DoubleSide, LineBasicMaterial, Matrix4, MeshBasicMaterial, MeshStandardMaterial, Vector3 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+import { CurvedSurface, loadMaterials } from '../three/curves.js';
 import { decodeCurves } from '../wasm/clod.js';
 import { formatBytes, formatCount, formatPixels, formatUnits } from './format.js';
 import { openStage } from './stage.js';
@@ -26,78 +24,6 @@ function placesOfUnits(manifest) {
   return units;
 }
 
-/** A surface on the GPU: arrays as large as the module's, of which each frame only what changed goes over. */
-class Drawn {
-  constructor(curves, place, materials) {
-    this.curves = curves;
-    this.geometry = new BufferGeometry();
-    this.geometry.boundingSphere = new Sphere(new Vector3(), Infinity); // room that is not in use holds anything
-    this.mesh = new Mesh(this.geometry, materials.surface);
-    this.wires = new Mesh(this.geometry, materials.wires);
-    this.edges = new LineSegments(new BufferGeometry(), materials.edges);
-    this.nets = new LineSegments(new BufferGeometry(), materials.nets);
-    this.inverse = place.clone().invert();
-    const columns = [0, 1, 2].map((k) => new Vector3().setFromMatrixColumn(place, k).length());
-    this.stretch = Math.max(...columns);
-    this.skew = this.stretch / Math.min(...columns); // where axes are scaled differently the tolerance is tightened by as much
-    for (const object of [this.mesh, this.wires, this.edges, this.nets]) {
-      object.frustumCulled = false;
-      object.matrixAutoUpdate = false;
-      object.matrix.copy(place);
-    }
-    this.lines();
-  }
-
-  /** Edges and nets as the module has them now. */
-  lines() {
-    this.edges.geometry.setAttribute('position', new BufferAttribute(this.curves.edgeLines(24), 3));
-    this.nets.geometry.setAttribute('position', new BufferAttribute(this.curves.netLines(), 3));
-  }
-
-  attribute(name, values, size, changed) {
-    let attribute = this.geometry.getAttribute(name);
-    if (!attribute || attribute.array.length < values.length) {
-      attribute = new BufferAttribute(new Float32Array(Math.ceil(values.length * 1.5)), size).setUsage(DynamicDrawUsage);
-      this.geometry.setAttribute(name, attribute);
-      attribute.array.set(values);
-      return;
-    }
-    attribute.clearUpdateRanges();
-    for (const [first, count] of changed) {
-      attribute.array.set(values.subarray(size * first, size * (first + count)), size * first);
-      attribute.addUpdateRange(size * first, size * count);
-    }
-    if (changed.length > 0) attribute.needsUpdate = true;
-  }
-
-  update(view) {
-    const eye = view.eye.clone().applyMatrix4(this.inverse);
-    const turn = (v) => v.clone().transformDirection(this.inverse);
-    const forward = turn(view.forward);
-    const up = turn(view.up);
-    up.addScaledVector(forward, -up.dot(forward)).normalize();
-    const frame = this.curves.update({ eye: eye.toArray(), forward: forward.toArray(), up: up.toArray(), fov: FOV, aspect: view.aspect, height: view.height, near: view.near / this.stretch });
-    this.attribute('position', frame.positions, 3, frame.changed);
-    this.attribute('normal', frame.normals, 3, frame.changed);
-    let index = this.geometry.index;
-    if (!index || index.array.length < frame.indices.length) {
-      index = new BufferAttribute(new Uint32Array(Math.ceil(frame.indices.length * 1.5)), 1).setUsage(DynamicDrawUsage);
-      this.geometry.setIndex(index);
-    }
-    index.array.set(frame.indices);
-    index.clearUpdateRanges();
-    index.addUpdateRange(0, frame.indices.length);
-    index.needsUpdate = true;
-    this.geometry.setDrawRange(0, frame.indices.length);
-    return frame;
-  }
-
-  dispose() {
-    for (const object of [this.mesh, this.edges, this.nets]) object.geometry.dispose();
-    this.curves.close();
-  }
-}
-
 /** Colours a surface by how many pixels its certified error is where it is drawn: green below half a pixel, red from two on. */
 function byError(material, uniforms) {
   material.onBeforeCompile = (shader) => {
@@ -112,13 +38,17 @@ function byError(material, uniforms) {
   return material;
 }
 
+/** Standard materials can show the error; others (unlit ones) stay as they are. */
+const ready = (material, uniforms) => (material.isMeshStandardMaterial ? byError(material, uniforms) : material);
+
 class Page {
   constructor() {
     Object.assign(this, openStage($('canvas'), FOV, asked.get('up') === 'z'));
     this.uniforms = { errorUnits: { value: 0 }, focalPixels: { value: 1 }, showError: { value: 0 } };
     const offset = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 2, side: DoubleSide };
+    this.own = new Map();
     this.materials = {
-      surface: byError(new MeshStandardMaterial({ color: 0xc9b79c, roughness: 0.45, metalness: 0.05, ...offset }), this.uniforms),
+      of: (number, colored) => this.materialOf(number, colored, offset),
       wires: new MeshBasicMaterial({ color: 0x1b2a38, wireframe: true, transparent: true, opacity: 0.35 }),
       edges: new LineBasicMaterial({ color: new Color(0x7a1f1f) }),
       nets: new LineBasicMaterial({ color: new Color(0x1f4f9a) }),
@@ -141,6 +71,8 @@ class Page {
     $('back').href = `../#${new URLSearchParams({ model: id })}`;
     this.manifest = await (await fetch(`../v1/models/${id}`)).json();
     this.places = placesOfUnits(this.manifest);
+    const { materials } = this.manifest;
+    this.given = materials ? await loadMaterials(`../v1/models/${id}/${materials.object}`) : [];
     const { min, max } = this.manifest.source.bounds;
     this.centre = new Vector3().addVectors(new Vector3(...min), new Vector3(...max)).multiplyScalar(0.5);
     this.radius = new Vector3(...max).distanceTo(this.centre);
@@ -159,6 +91,17 @@ class Page {
     await this.load();
   }
 
+  /** The model's material with this number, or clay, with colours of vertices where there are any. */
+  materialOf(number, colored, offset) {
+    const key = `${number} ${colored}`;
+    if (this.own.has(key)) return this.own.get(key);
+    const given = this.given[number]?.clone();
+    const material = given ?? new MeshStandardMaterial({ color: colored ? 0xffffff : 0xc9b79c, roughness: 0.45, metalness: 0.05 });
+    Object.assign(material, offset, { side: given?.side ?? DoubleSide, vertexColors: colored });
+    this.own.set(key, ready(material, this.uniforms));
+    return material;
+  }
+
   /** The stream of the level that is chosen, or of that which is a pixel off from where the camera is. */
   async load() {
     const choice = this.choices.get($('level').value);
@@ -167,18 +110,20 @@ class Page {
     const answer = await fetch(url);
     if (!answer.ok) throw new Error((await answer.json()).detail ?? `The patches cannot be had: ${answer.status}.`);
     const stream = new Uint8Array(await answer.arrayBuffer());
+    const { slip } = choice?.patches ?? this.manifest.families.clod?.levels[Number(answer.headers.get('Lod-Level'))]?.patches ?? {};
+    this.texels = slip?.texels ?? 0;
     this.error = choice ? choice.patches.error : Number(answer.headers.get('Lod-Error'));
     this.bytes = stream.length;
     const curves = await decodeCurves(fetch('clod.wasm'), stream, { copies: (unit) => Math.min(MOST_INSTANCES, this.places[unit]?.length ?? 1) });
     for (const drawn of this.drawn) drawn.dispose();
-    this.scene.remove(...this.drawn.flatMap((d) => [d.mesh, d.wires, d.edges, d.nets]));
+    this.scene.remove(...this.drawn.flatMap((d) => d.objects));
     const used = new Map();
     this.drawn = curves.map((c) => {
       const instance = used.get(c.unit) ?? 0;
       used.set(c.unit, instance + 1);
-      return new Drawn(c, this.places[c.unit]?.[instance] ?? new Matrix4(), this.materials);
+      return new CurvedSurface(c, this.places[c.unit]?.[instance] ?? new Matrix4(), this.materials, FOV);
     });
-    for (const { mesh, wires, edges, nets } of this.drawn) this.scene.add(mesh, wires, edges, nets);
+    for (const { objects } of this.drawn) this.scene.add(...objects);
     this.settings();
   }
 
@@ -245,7 +190,7 @@ class Page {
     const errorPixels = (this.error * focal) / nearest;
     const given = this.drawn.reduce((n, d) => n + d.curves.patches, 0);
     const n = Object.fromEntries(Object.entries(sum).map(([name, count]) => [name, formatCount(count)]));
-    $('facts').value = `${formatCount(given)} patches in ${formatBytes(this.bytes)}\ncertified error ${formatUnits(this.error)}, at most ${formatPixels(errorPixels)} px here\n` +
+    $('facts').value = `${formatCount(given)} patches in ${formatBytes(this.bytes)}\ncertified error ${formatUnits(this.error)}, at most ${formatPixels(errorPixels)} px here\n${this.texels ? `textures slip by at most ${formatPixels(this.texels)} texels\n` : ''}` +
       `${n.triangles} triangles, within ${formatPixels(pixels)} px of the curves\n${n.visible} patches seen, ${n.back} from behind, ${n.outside} outside\n` +
       `${n.patchesMade} patches, ${n.verticesMade} vertices made\n${spent.toFixed(1)} ms`;
     Object.assign($('facts').dataset, { ...sum, given, pixels, bytes: this.bytes, milliseconds: spent.toFixed(2) });

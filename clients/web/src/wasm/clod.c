@@ -21,7 +21,7 @@ struct curved {
   double deviation; /* of the strict surface from the cubics */
   bool is_strict;
   double numbers[12];
-  uint32_t words[16];
+  uint32_t words[20];
 };
 
 void *EXPORT(lodc_alloc)(size_t size) {
@@ -61,12 +61,16 @@ struct curved *EXPORT(lodc_create)(const uint8_t *bytes, uint32_t size, uint32_t
   c->words[2] = c->patches.patch_count;
   c->words[3] = c->patches.edge_count;
   c->words[4] = c->patches.vertex_count;
+  const struct lod_patch_attributes *a = &c->patches.attributes;
+  for (int set = 0; set < LOD_UV_SETS; set++)
+    c->words[5] |= a->has_uv[set] ? 1u << set : 0;
+  c->words[5] |= a->has_colors ? 1u << LOD_UV_SETS : 0;
   c->numbers[0] = (double)header.error;
   return c;
 }
 
-/* Unit, of how many, patches, edges, vertices; then as doubles (at the second address): the error that the stream tells, and how far the
- * strict surface is from the cubics (0 before it was asked for). */
+/* Unit, of how many, patches, edges, vertices, which UV sets (bits 0, 1) and colours (bit 2) there are; then as doubles (at the second
+ * address): the error that the stream tells, and how far the strict surface is from the cubics (0 before it was asked for). */
 const uint32_t *EXPORT(lodc_words)(struct curved *c) {
   return c->words;
 }
@@ -91,7 +95,8 @@ bool EXPORT(lodc_settings)(struct curved *c, double pixels, bool cull_outside, b
 
 /* v: eye, forward, up (3 each), fov in degrees, aspect, height in pixels, near. One frame. Words: vertices that indices may name, indices,
  * addresses of positions, normals, roots, indices, ranges; number of ranges; patches, visible, outside, back, patches made, edges made,
- * vertices made, halved. numbers[2]: bound in pixels. NULL: memory. Valid until the next call. */
+ * vertices made, halved; address of UVs and colours (0: none), how many of them a vertex; address of groups (material, first index,
+ * indices), how many. numbers[2]: bound in pixels. NULL: memory. Valid until the next call. */
 const uint32_t *EXPORT(lodc_update)(struct curved *c, const double *v) {
   struct lod_dynamic_view view = {.eye = {v[0], v[1], v[2]},
                                   .forward = {v[3], v[4], v[5]},
@@ -113,6 +118,10 @@ const uint32_t *EXPORT(lodc_update)(struct curved *c, const double *v) {
                             c->stats.back,      c->stats.patches_made, c->stats.edges_made, (uint32_t)c->stats.vertices_made,
                             c->stats.halved};
   memcpy(c->words + 7, rest, sizeof rest);
+  c->words[16] = (uint32_t)(uintptr_t)mesh.numbers;
+  c->words[17] = mesh.width;
+  c->words[18] = (uint32_t)(uintptr_t)mesh.groups;
+  c->words[19] = mesh.group_count;
   c->numbers[2] = c->stats.pixels;
   return c->words;
 }

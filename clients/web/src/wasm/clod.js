@@ -6,13 +6,24 @@
 /** The module has no files: what libc would print goes nowhere. */
 const NO_FILES = { fd_close: () => 8, fd_seek: () => 8, fd_write: () => 8 };
 
+const UV_SETS = 2;
+
+function layoutOf(has) {
+  let width = 0;
+  const uv = Array.from({ length: UV_SETS }, (_, set) => (has & (1 << set) ? (width += 2) - 2 : -1));
+  const color = has & (1 << UV_SETS) ? (width += 4) - 4 : -1;
+  return { uv, color, width };
+}
+
 /** One unit of a model: a surface of curved patches that is tessellated as a view moves. */
 export class Curves {
   constructor(c, handle) {
     this.c = c;
     this.handle = handle;
     this.view = c.lodc_alloc(13 * 8);
-    const [unit, units, patches, edges, vertices] = this.words(c.lodc_words(handle), 5);
+    const [unit, units, patches, edges, vertices, has] = this.words(c.lodc_words(handle), 6);
+    /** @type {{uv: number[], color: number, width: number}} where the numbers of a vertex hold each UV set and the colour; -1: not there */
+    this.layout = layoutOf(has);
     const numbers = new Float64Array(c.memory.buffer, c.lodc_numbers(handle), 1);
     /** error: certified bound to the source, model units, before quantisation; the manifest's is measured after it */
     Object.assign(this, { unit, units, patches, edges, vertices, error: numbers[0] });
@@ -42,14 +53,19 @@ export class Curves {
     const address = this.c.lodc_update(this.handle, this.view);
     if (!address) throw new Error('The triangles need more memory than this page may use.');
     const [room, indexCount, positions, normals, roots, indices, ranges, rangeCount, patches, visible, outside, back, patchesMade, edgesMade,
-      verticesMade, halved] = this.words(address, 16);
+      verticesMade, halved, numbers, width, groups, groupCount] = this.words(address, 20);
     const { buffer } = this.c.memory;
     const flat = new Uint32Array(buffer, ranges, 2 * rangeCount);
+    const parts = new Uint32Array(buffer, groups, 3 * groupCount);
     return {
       positions: new Float32Array(buffer, positions, 3 * room),
       normals: new Float32Array(buffer, normals, 3 * room),
       roots: new Uint32Array(buffer, roots, room),
       indices: new Uint32Array(buffer, indices, indexCount),
+      /** UVs and colours, as `layout` says; null: there are none */
+      numbers: numbers ? new Float32Array(buffer, numbers, width * room) : null,
+      /** of indices; material -1: none */
+      groups: Array.from({ length: groupCount }, (_, i) => ({ material: parts[3 * i] | 0, first: parts[3 * i + 1], count: parts[3 * i + 2] })),
       changed: Array.from({ length: rangeCount }, (_, i) => [flat[2 * i], flat[2 * i + 1]]),
       patches, visible, outside, back, patchesMade, edgesMade, verticesMade, halved: halved !== 0, triangles: indexCount / 3,
       pixels: new Float64Array(buffer, this.c.lodc_numbers(this.handle), 3)[2],

@@ -451,10 +451,81 @@ static void strict_patches_are_drawn_and_stay_closed(void **state) {
   lod_dynamic_destroy(dynamic);
 }
 
+/* UVs of their own for each vertex, others for patches with x > 0, so that numbers jump along a line; three materials by turns. */
+static void paint(struct lod_patches *patches) {
+  struct lod_patch_attributes *a = &patches->attributes;
+  *a = (struct lod_patch_attributes){.has_uv = {true}, .has_colors = true, .width = 6, .count = 2 * patches->vertex_count};
+  a->values = LOD_NEW(arena, 6 * (size_t)a->count, float);
+  a->corners = lod_arena_alloc(arena, patches->patch_count, sizeof *a->corners);
+  patches->materials = LOD_NEW(arena, patches->patch_count, uint32_t);
+  for (uint32_t i = 0; i < 6 * a->count; i++)
+    a->values[i] = (float)random_in(0, 1);
+  for (uint32_t p = 0; p < patches->patch_count; p++) {
+    const uint32_t *c = patches->corners[p];
+    bool right = patches->positions[c[0]].x + patches->positions[c[1]].x + patches->positions[c[2]].x > 0;
+    patches->materials[p] = p % 3 == 2 ? LOD_NONE : p % 3;
+    for (int k = 0; k < 3; k++)
+      a->corners[p][k] = 2 * c[k] + right;
+  }
+}
+
+/* Every corner of every triangle drawn has the numbers that its patch has there, and is drawn with its patch's material. Which of the two
+ * vertices of a seam a triangle took would show. */
+static void assert_painted(const struct lod_dynamic *dynamic) {
+  struct lod_dynamic_mesh mesh;
+  const uint8_t *visible;
+  const struct lod_patches *surface = lod_dynamic_surface(dynamic, &visible, NULL);
+  lod_dynamic_mesh(dynamic, &mesh);
+  assert_int_equal(mesh.width, 6);
+  uint32_t *patch_of = LOD_NEW(arena, mesh.index_count / 3, uint32_t), *next = LOD_NEW_ZERO(arena, surface->patch_count, uint32_t), at = 0;
+  lod_dynamic_triangle_patches(dynamic, patch_of);
+  for (uint32_t g = 0; g < mesh.group_count; g++) {
+    assert_int_equal(mesh.groups[g].first, at);
+    for (; at < mesh.groups[g].first + mesh.groups[g].count; at++) {
+      uint32_t p = patch_of[at / 3];
+      const uint32_t(*triangles)[3];
+      const struct lod_barycentric *domain;
+      assert_int_equal(surface->materials[p], mesh.groups[g].material);
+      assert_true(next[p] / 3 < lod_dynamic_domain(dynamic, p, &triangles, &domain));
+      struct lod_barycentric b = domain[triangles[next[p] / 3][next[p] % 3]];
+      next[p]++;
+      float expected[LOD_PATCH_NUMBERS];
+      lod_patch_attributes_mix(&surface->attributes, p, (const double[3]){b.u, b.v, b.w}, expected);
+      for (uint32_t i = 0; i < 6; i++)
+        assert_true(fabs((double)mesh.numbers[6 * (size_t)mesh.indices[at] + i] - (double)expected[i]) < 1e-5);
+    }
+  }
+  assert_int_equal(at, mesh.index_count);
+}
+
+static void uvs_colours_and_materials_follow_the_view(void **state) {
+  (void)state;
+  for (int which = 0; which < 3; which++) {
+    struct lod_patches patches = shape(which), strict;
+    paint(&patches);
+    assert_int_equal(lod_patches_make_strict(&patches, arena, &strict, NULL), LOD_OK);
+    struct lod_dynamic *dynamic = open_dynamic(&patches), *smooth = open_dynamic(&strict);
+    struct lod_dynamic_settings settings = lod_dynamic_defaults();
+    for (int i = 0; i < 6; i++) {
+      struct lod_dynamic_view view = random_view(i < 4 ? 1.5 : 0.9, i < 4 ? 6 : 1); /* the last from so near that patches are halved */
+      settings.smoothness = LOD_SMOOTH_SHADED;
+      settings.pixels = i < 4 ? 1 : 0.05;
+      update(dynamic, &view, &settings);
+      assert_painted(dynamic);
+      settings.smoothness = LOD_SMOOTH_STRICT;
+      update(smooth, &view, &settings);
+      assert_painted(smooth);
+    }
+    lod_dynamic_destroy(dynamic);
+    lod_dynamic_destroy(smooth);
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(what_is_drawn_is_within_the_tolerance_in_pixels),
       cmocka_unit_test(no_view_opens_a_crack),
+      cmocka_unit_test(uvs_colours_and_materials_follow_the_view),
       cmocka_unit_test(what_is_left_out_cannot_be_seen),
       cmocka_unit_test(only_what_the_view_asks_for_is_made_anew),
       cmocka_unit_test(there_are_no_facets_at_any_zoom),

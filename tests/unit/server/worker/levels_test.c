@@ -56,6 +56,35 @@ static void vertices_that_must_stay_apart_do(void **state) {
   assert_true(apart.position_error < merged.position_error && apart.position_error > 1e-4); /* no finer than needed */
 }
 
+/* Triangles' bytes and error; patches' bytes and error. */
+static struct lod_baked_level curved(size_t size, double error, size_t patches, double curved_error) {
+  struct lod_baked_level level = {.size = size, .error = {error, error}};
+  level.patches.size = patches;
+  level.patches.error = curved_error;
+  return level;
+}
+
+static void curved_levels_that_another_betters_are_dropped(void **state) {
+  (void)state;
+  struct lod_baked_level levels[5] = {
+      curved(100, 1, 0, 0),    /* the source's own */
+      curved(900, 2, 80, 2.2), /* stays: nothing is finer in fewer bytes of patches */
+      curved(950, 4, 90, 4.2), /* more bytes and more error: goes, and its triangles with it */
+      curved(800, 6, 40, 6.2), /* stays for its patches, though its triangles are many */
+      curved(50, 5, 95, 5.2),  /* patches go; triangles are the fewest of all, and stay */
+  };
+  assert_int_equal(lod_levels_order(levels, 5), 4);
+  assert_true(levels[0].patches.size == 40 && levels[1].size == 50 && levels[1].patches.size == 0);
+  assert_true(levels[2].patches.size == 80 && levels[3].size == 100);
+}
+
+static void of_equal_curved_levels_one_stays(void **state) {
+  (void)state;
+  struct lod_baked_level levels[2] = {curved(900, 2, 80, 2.2), curved(900, 2, 80, 2.2)};
+  assert_int_equal(lod_levels_order(levels, 2), 1);
+  assert_int_equal(levels[0].patches.size, 80);
+}
+
 /* Vertices at one place merge at any precision: nothing is refined for them. */
 static void vertices_at_one_place_do_not_cost_precision(void **state) {
   (void)state;
@@ -67,6 +96,8 @@ static void vertices_at_one_place_do_not_cost_precision(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_setup_teardown(vertices_that_must_stay_apart_do, open_arena, close_arena),
+      cmocka_unit_test(curved_levels_that_another_betters_are_dropped),
+      cmocka_unit_test(of_equal_curved_levels_one_stays),
       cmocka_unit_test_setup_teardown(vertices_at_one_place_do_not_cost_precision, open_arena, close_arena),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
