@@ -53,13 +53,11 @@ static int run(int argc, char **argv) {
   for (const struct cli_option *option; (option = cli_next(&arguments, &value)) != NULL;) {
     if (option->letter == 'o')
       output = value;
-    else if (delta_count < most)
-      deltas[delta_count++] = value;
-    else
-      return cli_usage(&cli_decode, "too many deltas");
+    else if (delta_count++ < most)
+      deltas[delta_count - 1] = value;
   }
   if (arguments.operand_count + delta_count > most)
-    return cli_usage(&cli_decode, "too many deltas");
+    return cli_usage(&cli_decode, "expected at most %d files, got %d", most, arguments.operand_count + delta_count);
   for (int i = 0; i < delta_count; i++) /* wherever --delta stands, the level comes first */
     arguments.operands[arguments.operand_count++] = deltas[i];
   if (arguments.operand_count < 1)

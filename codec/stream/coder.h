@@ -1,7 +1,8 @@
 /* Adaptive binary arithmetic coding, one code path for both directions: a function that codes a value writes it when the coder encodes, and
  * reads and returns it when it decodes, so the two cannot drift apart.
  *
- * Probabilities are integers of 16 bits, mixed in the logistic domain with integer weights: the same bits everywhere.
+ * Probabilities are integers of 16 bits, mixed in the logistic domain with integer weights: the same bits everywhere. Not rANS, whose
+ * encoder runs backwards: here what a bit is expected to be follows from all before it, and mixed models learn with each.
  * Based on: Martin. Range encoding. 1979; Mahoney. Adaptive Weighing of Context Models for Lossless Data Compression. 2005. */
 #ifndef LOD_CODEC_STREAM_CODER_H
 #define LOD_CODEC_STREAM_CODER_H
@@ -129,9 +130,7 @@ static inline int lod_coder_bit(struct lod_coder *c, struct lod_bit_model *m, in
   return bit;
 }
 
-/* The bit as `count` models (2 to LOD_MIX_INPUTS, a constant) together expect it. Sums fit: 6 inputs of 2047 times weights of 157286 at
- * most.
- */
+/* The bit as `count` models (2 to LOD_MIX_INPUTS, a constant) together expect it. Sums fit: 6 inputs of 2047, weights of 157286 at most. */
 static inline int lod_coder_mix(struct lod_coder *c, struct lod_bit_model *const *models, int count, struct lod_mixer *mixer, int limit,
                                 int bit) {
   int32_t inputs[LOD_MIX_INPUTS], sum = 0;

@@ -70,8 +70,9 @@ struct step {
   /* geometry.c */
   uint32_t *order; /* vertices by their distance from kept ones: kept_count of these, then those that are `reached` */
   uint32_t kept_count, reached;
-  struct lod_adjacency
-      wide;          /* neighbours where no cut edge is, in fours: behind a vertex's own come some at `vertices`, whose place is 0 */
+  /* Neighbours of vertices inside (none of those on a rim), filled up to fours with `vertices`, a number behind all others: what is there
+   * adds nothing. */
+  struct lod_adjacency wide;
   float *share;      /* vertex -> 1 / number of neighbours whose mean it should be: those along the rim, where it has some */
   float *inner;      /* vertex -> the same inside, 0 on the rim */
   float *stiffness;  /* vertex -> 1 / (1 + sum of the neighbours' share^2) */

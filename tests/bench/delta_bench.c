@@ -1,9 +1,8 @@
 /* Deltas beside Draco: bits by part, all levels of a nested hierarchy against the finest one alone and against separate levels, the first
  * picture, bytes until an error is met, speed (CPU time) and memory. Draco is at speed 0 on the same grids.
  *
- *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan|envelope] [-b BITS] [-r RATIO] [-f SHARE] [-l LEAST] [-p] [-v] [-e] [-u
- * TRIANGLES]
- *                           [-n DECODES] [PLY...]"
+ *   make bench-delta BENCH_ARGS="[-m retile|collapse|scan|envelope] [-b BITS] [-r RATIO] [-f SHARE] [-l LEAST] [-p] [-v] [-e]
+ *                           [-u TRIANGLES] [-n DECODES] [PLY...]"
  *
  * retile (default): the finest level is re-tiled with SHARE (0.25) of the source's vertices; collapse: the finest is simplified to SHARE of
  * the source's triangles by meshopt_simplify, whose vertices are the source's, and so are all others; scan: the same with the source itself

@@ -1,11 +1,12 @@
 /* Nested levels as deltas, with the hashes that decoding them and laying them over one another give natively:
  *
- *   steps DIR     writes DIR/NAME-K.delta (frame K; 0 is the first picture) and, on standard output, a line of JSON for each: {"file",
- * "level", "map", "vertices", "triangles"}; where the step has units, DIR/NAME-K.units, with "units": {"count", "half", "drawn", "all"}: of
- * the first half of them what they are together and what is drawn of it, and of all. Levels come from generators, and from the shared
- * models where they are. steps --decode FILE... the objects of a bake, a first picture and then its steps, each behind the file of its
- * units where it has some; a PLY is a level to begin anew from. A line for each frame: {"unit", "level", "map", "failed", "vertices"}, and
- * for units as above
+ *   steps DIR               Writes DIR/NAME-K.delta (frame K; 0 is the first picture), of levels from generators and of the shared models
+ *                           where they are. A line of JSON for each: {"file", "level", "map", "vertices", "triangles"}; where the step
+ *                           has units, also DIR/NAME-units-K.delta, with "units": {"count", "half", "drawn", "all"}: of the first half of
+ *                           them what they are together and what is drawn of it, and of all.
+ *   steps --decode FILE...  Reads objects of a bake: a first picture, then its steps, each behind the file of its units where it has some;
+ *                           a PLY is a level to begin anew from. A line for each frame: {"unit", "level", "map", "failed", "vertices"},
+ *                           and for units as above.
  *
  * tests/web/wasm.test.mjs and corpus.test.mjs do the same in WebAssembly. */
 #include <math.h>

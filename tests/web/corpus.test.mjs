@@ -14,6 +14,7 @@ import { fileURLToPath } from 'node:url';
 import { promisify } from 'node:util';
 import { Core } from '../../clients/web/src/wasm/core.js';
 import { bumpySphere, writePly } from './models.mjs';
+import { takeUnits } from './native.mjs';
 
 const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), '../..');
 const MODELS = path.join(process.env.LODESTREAM_SHARED ?? path.join(ROOT, '../shared'), 'models');
@@ -47,10 +48,11 @@ function fileOf(name) {
  * Objects of a family in the order in which they are applied, a first picture first. Where a level has no step to the next one, that one's GLB comes,
  * as PLY, and the rest of the chain behind it, if that is triangles alone and the model one unit, whose instances are not placed: a page does likewise.
  */
-async function chain(levels, bake) {
+async function chain(manifest, family, bake) {
+  const { levels } = manifest.families[family];
   const object = ({ object }) => path.join(bake, 'objects', object);
   const files = levels[0]?.first ? [object(levels[0].first)] : [];
-  const single = files.length > 0 && unitsOf(readFileSync(files[0])) === 1;
+  const single = manifest.parts.length === 1;
   for (const [k, { delta }] of levels.entries()) {
     if (files.length === 0) break;
     if (delta) {
@@ -67,20 +69,6 @@ async function chain(levels, bake) {
   return files;
 }
 
-/** How many units a frame's model has: the third varint of its header. */
-function unitsOf(bytes) {
-  let at = 6;
-  let value = 0;
-  for (let k = 0; k < 3; k++) {
-    value = 0;
-    for (let shift = 0, more = 128; more; shift += 7) {
-      more = bytes[at] & 128;
-      value |= (bytes[at++] & 127) << shift;
-    }
-  }
-  return value;
-}
-
 /** Positions and index of a binary PLY of ours. */
 function readPly(file) {
   const bytes = readFileSync(file);
@@ -95,29 +83,6 @@ function readPly(file) {
   const at = end + vertices * stride;
   for (let t = 0; t < faces; t++) for (let i = 0; i < 3; i++) index[3 * t + i] = bytes.readInt32LE(at + 13 * t + 1 + 4 * i);
   return { positions, index };
-}
-
-/** FNV-1a over the bytes of arrays, as module.c's. */
-function hashOf(...arrays) {
-  let hash = 0x811c9dc5;
-  for (const array of arrays) for (const byte of new Uint8Array(array.buffer, array.byteOffset, array.byteLength)) hash = Math.imul(hash ^ byte, 0x01000193);
-  return hash >>> 0;
-}
-
-/** What tests/sample/steps prints of units, by the module. */
-function takeUnits(core, bytes, base) {
-  const units = core.units(bytes, base);
-  const { patches } = units.facts();
-  const middle = Math.floor(patches.length / 2);
-  const take = (from, to) => patches.slice(from, to).forEach(({ offset, bytes: size }, p) => size && units.decode(from + p, bytes.subarray(offset, offset + size)));
-  take(0, middle);
-  const half = units.join();
-  const drawn = units.draw(half);
-  take(middle, patches.length);
-  const all = units.join();
-  const facts = { count: patches.length, half: half.hash, drawn: hashOf(drawn.start, drawn.end, drawn.triangles), all: all.hash };
-  for (const each of [all, half, units]) each.free();
-  return facts;
 }
 
 /** What tests/sample/steps --decode prints of files, by the module. */
@@ -157,8 +122,7 @@ async function compare(file, family, timeout = 0) {
   const bake = mkdtempSync(path.join(folder, 'bake-'));
   try {
     await run(TOOL, ['bake', file, '-o', bake, '--family', family, ...SETTINGS[family]], { timeout, maxBuffer: 1 << 26 });
-    const { levels } = JSON.parse(readFileSync(path.join(bake, 'manifest.json'), 'utf8')).families[family];
-    const files = await chain(levels, bake);
+    const files = await chain(JSON.parse(readFileSync(path.join(bake, 'manifest.json'), 'utf8')), family, bake);
     if (files.length === 0) return { frames: 0, units: 0, vertices: 0 };
     const { stdout } = await run(path.join(ROOT, 'build/release/tests/sample/steps'), ['--decode', ...files], { timeout, maxBuffer: 1 << 28 });
     const native = stdout.trim().split('\n').map((line) => JSON.parse(line));
