@@ -138,7 +138,9 @@ static int apply_option(struct lod_bake_request *request, const struct cli_optio
       continue;
     uint64_t number;
     if (!cli_parse_count(value, counts[i].most, &number))
-      return cli_usage(&cli_bake, "--%s %s: expected a whole number", option->name, value);
+      return counts[i].most == UINT64_MAX ? cli_usage(&cli_bake, "--%s %s: expected a whole number", option->name, value)
+                                          : cli_usage(&cli_bake, "--%s %s: expected a whole number up to %llu", option->name, value,
+                                                      (unsigned long long)counts[i].most);
     if (counts[i].wide != NULL)
       *counts[i].wide = number;
     else
@@ -283,6 +285,30 @@ static int bake_file(struct lod_bake_request *request, const char *path, const c
   return exit_status;
 }
 
+/* Options that only one family reads, where it is not asked for: somebody expects them to do something. */
+static int check_families(const struct lod_bake_request *request) {
+  const struct {
+    bool given;
+    const char *option, *family;
+  } owned[] = {
+      {request->vertices_count > 0, "vertices", "retile"},
+      {request->retile_option_count > 0, "retile", "retile"},
+      {request->envelope_option_count > 0, "envelope", "envelope"},
+      {request->edges_name != NULL, "edges", "envelope"},
+      {request->patches_count > 0, "patches", "clod"},
+      {request->patches_search, "patterns", "clod"},
+  };
+  for (size_t i = 0; i < sizeof owned / sizeof owned[0]; i++) {
+    bool asked = !owned[i].given;
+    for (uint32_t f = 0; f < request->family_count; f++)
+      asked = asked || strcmp(request->families[f], owned[i].family) == 0;
+    if (!asked)
+      return cli_usage(&cli_bake, "--%s is for the family %s, which is not baked: add --family %s", owned[i].option, owned[i].family,
+                       owned[i].family);
+  }
+  return CLI_DONE;
+}
+
 static int run(int argc, char **argv) {
   struct cli_arguments arguments = {.command = &cli_bake, .argc = argc, .argv = argv};
   struct lod_bake_request request = lod_bake_defaults();
@@ -297,5 +323,6 @@ static int run(int argc, char **argv) {
     return cli_usage(&cli_bake, "expected one MODEL, got %d", arguments.operand_count);
   if (output == NULL)
     return cli_usage(&cli_bake, "-o DIR is missing: where shall the levels go?");
-  return bake_file(&request, arguments.operands[0], output, arguments.json);
+  int status = check_families(&request);
+  return status != CLI_DONE ? status : bake_file(&request, arguments.operands[0], output, arguments.json);
 }

@@ -164,6 +164,17 @@ test('re-tiled levels tell of their vertices and maps, and options are checked',
   }
 });
 
+test('an option that no family reads is told', async () => {
+  for (const [family, option, value] of [['retile', '--vertices', '200'], ['retile', '--retile', 'seed=1'], ['envelope', '--envelope', 'nested=1'], ['envelope', '--edges', 'edges.txt'], ['clod', '--patches', '10'], ['clod', '--patterns']]) {
+    const { status, stderr } = await lodestream('bake', model, '-o', 'wrong', '--family', 'cluster', option, ...(value ? [value] : []));
+    assert.equal(status, USAGE, option);
+    assert.match(stderr, new RegExp(`${option} is for the family ${family}, .*: add --family ${family}`));
+  }
+  const { status, stderr } = await lodestream('bake', model, '-o', 'wrong', '--jobs', '9999');
+  assert.equal(status, USAGE);
+  assert.match(stderr, /--jobs 9999: expected a whole number up to 1024/);
+});
+
 test('every command explains itself and says its version', async () => {
   const version = fs.readFileSync(path.join(build, '../../VERSION'), 'utf8').trim();
   for (const command of [[], ...commands.map((name) => [name])]) {
